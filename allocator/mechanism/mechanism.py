@@ -310,10 +310,11 @@ class Mechanism:
     def check_affine(self, what: str) -> None:
         """Raise `InvalidInput` if muscles are not affine in pressure, with their names; `what` needs affine ones."""
         if self.not_affine:
+            named = zip(self.muscle_names, self.muscles, strict=True)
+            curved = sorted({type(muscle).__name__ for name, muscle in named if name in self.not_affine})
             raise InvalidInput(
-                f"{', '.join(self.not_affine)}: not affine in the pressure ("
-                f"{', '.join(sorted({type(m).__name__ for m in self.muscles}))}); {what} is for affine muscles only, "
-                "such as Sarosi2012 or Hildebrandt2005"
+                f"{', '.join(self.not_affine)}: not affine in the pressure ({', '.join(curved)}); {what} is for affine "
+                "muscles only, such as Sarosi2012 or Hildebrandt2005"
             )
 
     def sized(self, name: str, array: Array, size: int, what: str) -> Array:

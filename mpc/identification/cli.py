@@ -70,6 +70,7 @@ def fit_motion_command(
     for note in data.notes:
         say(console, note)
     content = None if machine is None else toml.Table.read(machine)
+    _refuse_gravity(content)
     given = None if content is None else joint_from(content, scale_needed=False)
     with clock(console) as bar:
         task = bar.add_task("fitting", total=STEPS)
@@ -98,6 +99,16 @@ def fit_motion_command(
 
         save_figure(plot_motion_fit(fit), plot, dpi=120)
         say(console, f"written: {plot}")
+
+
+def _refuse_gravity(content: toml.Table | None) -> None:
+    """Raise `InvalidInput` for a joint with gravity, which the fit would count twice or not at all."""
+    plant = None if content is None else content.table("plant")
+    if content is not None and plant is not None and plant.entries.get("gravity_torque"):
+        raise InvalidInput(
+            f"{content.path}: gravity_torque = {plant.entries['gravity_torque']} N·m: fit-motion has no gravity; leave "
+            "it out, and give a joint whose muscles contain the gravity (fit-joint without a column of its torque)"
+        )
 
 
 def _plant(fit: MotionFit, joint: Path) -> "IdentifiedPlant":

@@ -5,7 +5,7 @@
 f_d is the plant over one sample, v the commands that act now (after their dead time, minus the dead band), d an
 external torque at every joint and T_f the friction of the `Compensation`. d is a random walk, so that constant torques
 and errors of the muscle models leave no steady-state error. For a joint (n = 1, m = 2), ξ = (θ, ω, P1, P2, d).
-An angle that is older by r than its whole samples (`Compensation.older`) counts as the reading plus r ω̂.
+An angle that is older by r than its whole samples (`Compensation.older`) is read as q - r ω: C ξ = (q - r ω, P).
 
 A regulator has its own sensor, so that the measured pressure settles at an offset o from the command. A sensor is
 assumed to read P + o; the estimated pressures are then those of the commands. With d and o there are as many
@@ -143,6 +143,8 @@ class Filter:
         fastest = compensation.flow * dt / (1 - np.exp(-dt / np.array(plant.lags_each_way)))
         self.reach = np.minimum(fastest, np.ptp((gate.lower[n:], gate.upper[n:]), axis=0))  # (2, m), see `acting` [Pa]
         self.older = compensation.older(dt)  # readings of angles beyond whole samples [s]
+        self.C = np.eye(size + n)[self.measured]  # readings by ξ
+        self.C[range(n), range(n, 2 * n)] = -self.older
         self._model = self._discrete(dt)
         self.frictions, self._contacts = compensation.of_joints(n), Contacts(plant)
         self.stationary = self._stationary()  # steady-state covariance before a measurement
@@ -189,17 +191,26 @@ class Filter:
     def corrected(self, belief: Belief, read: Array, there: Mask, variances: Array) -> Belief:
         """Correct by the readings `there` (n + m,) of `read`, which have the `variances` (n + m,)."""
         one = np.eye(belief.xi.size)
-        C, R = one[self.measured[there]], np.diag(variances[there])
+        C, R = self.C[there], np.diag(variances[there])
         S = C @ belief.covariance @ C.T + R
         gain = np.linalg.solve(S, C @ belief.covariance).T
         left = one - gain @ C
         covariance = left @ belief.covariance @ left.T + gain @ R @ gain.T  # Joseph's form: stays symmetric
         return Belief(belief.xi + gain @ (read[there] - C @ belief.xi), covariance)
 
+    def foreseen(self, belief: Belief) -> Array:
+        """Return the expected readings (n + m,)."""
+        return np.asarray(self.C @ belief.xi)
+
+    def variances(self, belief: Belief) -> Array:
+        """Return the variances (n + m,) of the expected readings."""
+        return np.asarray(np.sum(self.C @ belief.covariance * self.C, axis=1))
+
     def unsure_at(self, belief: Belief, read: Array, there: Mask) -> Belief:
         """Return the readings `there` (n + m,) of `read`, and `belief` elsewhere, with a large covariance."""
         xi = belief.xi.copy()
         xi[self.measured[there]] = read[there]
+        xi[: self.plant.n] += self.older * xi[self.plant.n : 2 * self.plant.n] * there[: self.plant.n]
         return Belief(xi, self.unsure)
 
     def learned(self, offset: Array, read: Array, expected: Belief, there: Mask, v: Array) -> Array:
@@ -222,9 +233,9 @@ class Filter:
 
     def bounds(self, expected: Belief, apart: Array) -> tuple[Array, Array]:
         """Return the least and the greatest readings (n + m,) of sound sensors and regulators."""
-        xi, angles = expected.xi[self.measured], np.zeros(self.plant.n)
+        read, angles = self.foreseen(expected), np.zeros(self.plant.n)
         least, most = np.minimum(apart, 0.0).min(axis=0), np.maximum(apart, 0.0).max(axis=0)
-        return xi + np.append(angles, least), xi + np.append(angles, most)
+        return read + np.append(angles, least), read + np.append(angles, most)
 
     def can_be_sent(self, u: Array) -> Mask:
         """Return whether `u` (m,) [Pa] are valid commands."""
@@ -246,7 +257,8 @@ class Filter:
         _, A = self._model(x, P, plant.balance(x))
         units = np.ones(plant.size + plant.n)  # of ξ, for the conditioning of the equation
         units[2 * plant.n : plant.size] = BAR
-        scale, C, measured = np.outer(units, units), np.eye(units.size)[self.measured], units[self.measured]
+        scale, measured = np.outer(units, units), units[self.measured]
+        C = self.C * units / measured[:, None]
         A = self._with_walk(A) / units[:, None] * units
         R = self.R / np.outer(measured, measured)
         return np.asarray(scale * solve_discrete_are(A.T, C.T, self.Q / scale, R))

@@ -315,7 +315,6 @@ class KalmanObserver:
             self._belief = self._rebuilt(previous, read, self._believed)
             return
         read[self._angles] = [self.gate.unwrapped(*angle) for angle in self._turned(said, expected.xi)]
-        read[self._angles] += self.filter.older * expected.xi[self.plant.n : 2 * self.plant.n]
         read[self.plant.n :] -= self._offset
         self._verdicts = self._checked(read, expected)
         rested = np.array([verdict is Verdict.ACCEPTED for verdict in self._verdicts])
@@ -335,7 +334,7 @@ class KalmanObserver:
         return zip(said[self._angles].tolist(), expected[self._angles].tolist(), strict=True)
 
     def _checked(self, read: Array, expected: Belief) -> list[Verdict]:
-        variance = expected.covariance[self._measured, self._measured] + self._variances
+        variance = self.filter.variances(expected) + self._variances
         numbers = np.array([read, *self.filter.bounds(expected, self._apart), variance]).T.tolist()
         return [gate.check(*of_sensor) for gate, of_sensor in zip(self._gates, numbers, strict=True)]
 
@@ -360,9 +359,8 @@ class KalmanObserver:
         return expected
 
     def _doubtful(self, sensor: int, read: float, foreseen: Belief) -> bool:
-        i = self._measured[sensor]
-        variance = foreseen.covariance[i, i] + self._variances[sensor]
-        return bool((read - foreseen.xi[i]) ** 2 > DOUBT**2 * variance)
+        variance = (self.filter.variances(foreseen) + self._variances)[sensor]
+        return bool((read - self.filter.foreseen(foreseen)[sensor]) ** 2 > DOUBT**2 * variance)
 
     def _rival_or(self, expected: Belief, read: Array, memories: list[Value]) -> Belief:
         """Return `expected`, or the belief of a rival that takes over and whose readings are accepted."""

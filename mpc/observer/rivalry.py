@@ -100,7 +100,7 @@ class Rivalry:
         return Belief(rival.xi, covariance)
 
     def _begun(self, expected: Belief, y: Readings) -> Belief:
-        near = np.abs(y.read - expected.xi[self._filter.measured]) <= self._jump
+        near = np.abs(y.read - self._filter.foreseen(expected)) <= self._jump
         self._doubted = self.hesitation if near[y.rejected].all() else self.patience
         self._explained = 0
         return self._filter.unsure_at(expected, y.read, y.rejected)
@@ -117,7 +117,6 @@ class Rivalry:
 
     def _explains(self, belief: Belief, y: Readings, used: Mask) -> bool:
         """Return whether the readings `used` (n + m,) are as near to the `belief` as true ones."""
-        i = self._filter.measured
-        variance = (belief.covariance[i, i] + y.variances).tolist()
+        variance = (self._filter.variances(belief) + y.variances).tolist()
         width = [max(gate.width(v), gate.jump) if v > 0 else nan for gate, v in zip(self._gates, variance, strict=True)]
-        return bool((np.abs(y.read - belief.xi[i]) <= width)[used].all())
+        return bool((np.abs(y.read - self._filter.foreseen(belief)) <= width)[used].all())

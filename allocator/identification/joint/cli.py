@@ -10,6 +10,7 @@ from rich.console import Console
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.files.text import short
+from allocator.files.toml import Table
 from allocator.identification.columns import parse_columns
 from allocator.identification.joint.fit import fit_joint
 from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
@@ -92,6 +93,7 @@ def fit_joint_command(
     )
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, machine, rest_length, data.rest_length)
+    _describe_gravity(machine, console)
     options: dict[str, Any] = {
         "geometry": geometry,
         "torque": data.torque,
@@ -154,6 +156,15 @@ def _geometry(
         return make(rest_length * MM), None
     labels = [f"{length / MM:g}" for length in column] if column is not None else []
     return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
+
+
+def _describe_gravity(machine: Path | None, console: Console) -> None:
+    plant = None if machine is None else Table.read(machine).table("plant")
+    if plant is not None and (gravity := plant.entries.get("gravity_torque")):
+        say(
+            console,
+            f"{machine}: gravity_torque = {gravity} N·m is not used: the fitted muscles contain the link's gravity",
+        )
 
 
 def _length(option: str, length: float) -> float:

@@ -25,6 +25,7 @@ from allocator.units import BAR, DEG
 
 TRAINED = 0.6  # share of the log used to predict the held-out rest
 _GAINS = 0.8, 1.25  # range of gains of joints of the same kind
+_UNEXPLAINED = 0.4  # error of left-out blocks over the motion, above which the log is of another joint or damaged
 _BEYOND = 1.05  # greatest pressure of a prediction, relative to that of the log
 _MUSCLE_ROWS = 400  # of the log in the fit of muscles to the static angle
 
@@ -102,6 +103,12 @@ class MotionFit:
         found = tuple(map(described, stops(self.log.theta, self.log.P1, self.log.P2)))
         if not self.converged:
             found = ("the search stopped before it converged", *found)
+        if self.left_out.every > _UNEXPLAINED * (moved := float(self.log.theta.std())):
+            found = (
+                *found,
+                f"the pressures predict left-out angles to {self.left_out.every / DEG:.1f}° RMS only, of a motion of "
+                f"{moved / DEG:.1f}° RMS: are they clipped or of another joint, or was the joint loaded?",
+            )
         gain = self.parameters.get("gain")
         if gain is None or _GAINS[0] < gain.value < _GAINS[1]:
             return found

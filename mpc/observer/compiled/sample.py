@@ -97,8 +97,6 @@ def filtered(o: Sample, y: Array, u: Array) -> bool:
             s.step[i], s.variances[i], s.floor[i] = change, rough * rough, max(k.theta_floor[i], ROUGH * rough)
     follow_friction(o)
     predicted(o, o.past.belief, 0, k.Q, s.belief)
-    for i in range(n):
-        w.taken[i] += k.older * s.belief.xi[n + i]
     move_apart(o)
     if not (sound(s.belief) and believed(o) and not_frozen(o)):
         return False
@@ -143,14 +141,14 @@ def believed(o: Sample) -> bool:
     for i in range(n):
         near = near and abs(belief.xi[i] - taken[i]) <= TURN / 2 - NEAR_A_TURN
     for i in range(SENSORS):
-        read, place = taken[i], place_of(i)
-        variance = belief.covariance[place, place] + s.variances[i]
+        read = taken[i]
         near = near and k.possible[0, i] <= read <= k.possible[1, i]
-        least = most = belief.xi[place]
+        least = most = foreseen(o, belief, i)
         if i >= n:
             quick, slow = s.apart[0, i - n], s.apart[1, i - n]
             least, most = least + min(quick, slow, 0.0), most + max(quick, slow, 0.0)
-        near = near and abs(read - min(max(read, least), most)) <= max(SIGMAS * np.sqrt(variance), s.floor[i])
+        width = max(SIGMAS * np.sqrt(variance(o, belief, i)), s.floor[i])
+        near = near and abs(read - min(max(read, least), most)) <= width
     return bool(near)
 
 
@@ -163,10 +161,10 @@ def not_frozen(o: Sample) -> bool:
             s.repeating[i] = s.repeats[i] = 0.0
             continue
         s.repeating[i] += k.dt
-        belief, place = s.without[i], place_of(i)
+        belief = s.without[i]
         predicted(o, past.without[i] if s.repeats[i] > 0 else past.belief, 0, k.Q_rest[i], belief)
-        variance = belief.covariance[place, place] + s.variances[i]
-        if s.repeating[i] > k.tolerance and (o.work.taken[i] - belief.xi[place]) ** 2 > DOUBT**2 * variance:
+        off = o.work.taken[i] - foreseen(o, belief, i)
+        if s.repeating[i] > k.tolerance and off**2 > DOUBT**2 * variance(o, belief, i):
             return False
         for sensor in range(SENSORS):
             if s.read[sensor] != past.read[sensor]:
@@ -271,27 +269,53 @@ def propagate(o: Sample, P: Array, noise: Array, target: Array) -> None:
 
 
 @inlined
+def rate_of(sensor: int) -> int:
+    """Return the entry of ξ that moves the reading of an angle; its own entry for another sensor."""
+    return n + sensor if sensor < n else place_of(sensor)
+
+
+@inlined
+def age_of(o: Sample, sensor: int) -> float:
+    """Return by how much [s] a reading is older than the belief."""
+    return o.known.older if sensor < n else 0.0
+
+
+@inlined
+def foreseen(o: Sample, belief: Belief, sensor: int) -> float:
+    """Return the expected reading, C ξ."""
+    return float(belief.xi[place_of(sensor)] - age_of(o, sensor) * belief.xi[rate_of(sensor)])
+
+
+@inlined
+def variance(o: Sample, belief: Belief, sensor: int) -> float:
+    """Return the variance C P Cᵀ + R of a reading."""
+    P, place, rate, age = belief.covariance, place_of(sensor), rate_of(sensor), age_of(o, sensor)
+    return float(P[place, place] - 2 * age * P[place, rate] + age * age * P[rate, rate] + o.now.variances[sensor])
+
+
+@inlined
 def correct(o: Sample, belief: Belief, sensor: int) -> None:
     """Correct a belief by one reading: (1 - K C) P (1 - K C)ᵀ + K R Kᵀ, K = P Cᵀ/(C P Cᵀ + R).
 
-    Corrections one after the other are equal to a joint one, because the noise is not correlated.
+    Corrections one after the other are equal to a joint one, because the noise is not correlated. The row and the
+    column of the reading's own entry are those of C (1 - K C) P = R/(C P Cᵀ + R) C P, without a difference.
     """
-    P, place, R = belief.covariance, place_of(sensor), o.now.variances[sensor]
-    gain, product = o.work.gain, o.work.product
-    variance = P[place, place] + R
-    gap = o.work.taken[sensor] - belief.xi[place]
+    P, place, rate, age = belief.covariance, place_of(sensor), rate_of(sensor), age_of(o, sensor)
+    gain, product, R, total = o.work.gain, o.work.product, o.now.variances[sensor], variance(o, belief, sensor)
+    gap = o.work.taken[sensor] - foreseen(o, belief, sensor)
     for i in range(SIZE):
-        gain[i] = P[i, place] / variance
+        gain[i] = (P[i, place] - age * P[i, rate]) / total
         belief.xi[i] += gain[i] * gap
+    for j in range(SIZE):
+        CP = P[place, j] - age * P[rate, j]
+        for i in range(SIZE):
+            product[i, j] = P[i, j] - gain[i] * CP
+        product[place, j] = R / total * CP + age * product[rate, j]
     for i in range(SIZE):
+        column = product[i, place] - age * product[i, rate]
         for j in range(SIZE):
-            less = P[i, j] - gain[i] * P[place, j]
-            product[i, j] = R / variance * P[place, j] if i == place else less
-    for i in range(SIZE):
-        column = product[i, place]
-        for j in range(SIZE):
-            less = R / variance * column if j == place else product[i, j] - column * gain[j]
-            P[i, j] = less + gain[i] * R * gain[j]
+            P[i, j] = product[i, j] - column * gain[j] + gain[i] * R * gain[j]
+        P[i, place] = R / total * column + age * (product[i, rate] - column * gain[rate]) + gain[i] * R * gain[place]
 
 
 @inlined

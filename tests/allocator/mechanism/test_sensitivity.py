@@ -5,7 +5,7 @@ import pytest
 
 from allocator import InvalidInput, Limits, Stiffness, allocate
 from allocator.mechanism import Endpoint, Mechanism, machines
-from allocator.muscles.catalogue import TONDU_DMSP_20_400N
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.units import BAR
 
 ARM = machines.arm26()
@@ -77,6 +77,9 @@ def test_beyond_the_joint_range_the_posture_makes_no_difference():
 def test_what_has_no_jacobian_says_so():
     with pytest.raises(InvalidInput, match=r"jacobian\(\) is for affine muscles only"):
         allocate([0.1, 0.2], 5.0, 1.0, joint=ARM.with_muscles(TONDU_DMSP_20_400N)).jacobian()
+    mixed = ARM.with_muscles([TONDU_DMSP_20_400N, *[SAROSI_DMSP_20_400N] * (ARM.m - 1)])
+    with pytest.raises(InvalidInput, match=r"not affine in the pressure \(Tondu2021\)"):
+        allocate([0.1, 0.2], 5.0, 1.0, joint=mixed).jacobian()
     hand = Stiffness(endpoint=Endpoint.planar([0.3, 0.25]))
     with pytest.raises(InvalidInput, match="an endpoint was given"):
         allocate([0.1, 0.8], 100.0, 1.0, joint=ARM, stiffness=hand).jacobian()

@@ -23,7 +23,7 @@ def swinging(k):
 
 def errors(real, told):
     """Errors of angle [°] and pressures [bar] of the estimate, less the first second."""
-    observer, experiment, found = KalmanObserver(PLANT, DT, compensation=told, compiled=False), None, []
+    observer, experiment, found = KalmanObserver(real.nominal, DT, compensation=told, compiled=False), None, []
     experiment = real.begin(DT, REST, 0)
     for k in range(300):
         x, _ = observer.estimate(experiment.measure(), swinging(k - 1) if k else REST[2:])
@@ -40,6 +40,13 @@ def test_the_estimate_is_that_of_now(age, dead):
     assert angle < 0.05
     assert pressure < 0.01
     assert errors(real, Compensation(dead_time=dead))[0] > 1.0
+
+
+@pytest.mark.parametrize("age", [0.0045, 0.006, 0.014])
+def test_the_rest_of_an_age_keeps_the_estimate_of_a_light_joint_stable(age):
+    """Readings corrected by the estimated velocity made the filter diverge, by 2° and more."""
+    light = replace(PLANT, inertia=0.018, damping=0.15)
+    assert errors(RealPlant(light, reading_age=age), Compensation(reading_age=age))[0] < 0.05
 
 
 def test_a_loop_that_is_told_of_old_readings_does_not_swing():

@@ -36,6 +36,7 @@ void ant_contacts_of(const ant_belief *b, ant_contact contacts[ANT_JOINTS]);
 /* By the k-th commands. */
 void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_real Q[ANT_BELIEFS]);
 void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[ANT_SENSORS], const int there[ANT_SENSORS]);
+ant_real ant_foreseen(const ant_belief *b, int sensor);
 ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor);
 int ant_sound(const ant_belief *b); /* finite, and no variance negative */
 /* At the readings, with great variance. */

@@ -75,30 +75,40 @@ void ant_predict_belief(const ant_observer *o, ant_belief *b, int k, const ant_r
     spread(b->covariance, (const ant_real(*)[S])A, (const ant_real(*)[N])by_d, Q);
 }
 
+/* C a: a reading by a vector like xi. The angles are older than xi by ANT_OLDER. */
+static ant_real read_from(const ant_real a[B], int sensor) {
+    return a[ant_measured(sensor)] - (sensor < N ? ANT_OLDER * a[N + sensor] : 0);
+}
+
+ant_real ant_foreseen(const ant_belief *b, int sensor) { return read_from(b->xi, sensor); }
+
+ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor) {
+    ant_real column[B];
+    for (int i = 0; i < B; i++) column[i] = read_from(b->covariance[i], sensor);
+    return read_from(column, sensor) + o->noise[sensor];
+}
+
 /* After one reading, by Joseph's form, which stays symmetric and positive. */
-static void correct_one(ant_belief *b, int sensor, ant_real read, ant_real noise) {
-    const int m = ant_measured(sensor);
+static void correct_one(const ant_observer *o, ant_belief *b, int sensor, ant_real read) {
     ant_real gain[B], row[B], LP[B][B];
-    const ant_real variance = b->covariance[m][m] + noise, error = read - b->xi[m];
-    for (int i = 0; i < B; i++) gain[i] = b->covariance[i][m] / variance;
-    memcpy(row, b->covariance[m], sizeof row);
+    const ant_real variance = ant_innovation_variance(o, b, sensor), error = read - ant_foreseen(b, sensor);
+    const ant_real noise = o->noise[sensor];
+    memcpy(row, b->covariance[ant_measured(sensor)], sizeof row);
+    for (int j = 0; j < B && sensor < N; j++) row[j] -= ANT_OLDER * b->covariance[N + sensor][j];
+    for (int i = 0; i < B; i++) gain[i] = read_from(b->covariance[i], sensor) / variance;
     for (int i = 0; i < B; i++) {
         b->xi[i] += gain[i] * error;
         for (int j = 0; j < B; j++) LP[i][j] = b->covariance[i][j] - gain[i] * row[j];
     }
-    for (int i = 0; i < B; i++)
-        for (int j = 0; j < B; j++)
-            b->covariance[i][j] = LP[i][j] - LP[i][m] * gain[j] + gain[i] * noise * gain[j];
+    for (int i = 0; i < B; i++) {
+        const ant_real left = read_from(LP[i], sensor);
+        for (int j = 0; j < B; j++) b->covariance[i][j] = LP[i][j] - left * gain[j] + gain[i] * noise * gain[j];
+    }
 }
 
 void ant_correct(const ant_observer *o, ant_belief *b, const ant_real read[ANT_SENSORS], const int there[ANT_SENSORS]) {
     for (int i = 0; i < ANT_SENSORS; i++)
-        if (there[i]) correct_one(b, i, read[i], o->noise[i]);
-}
-
-ant_real ant_innovation_variance(const ant_observer *o, const ant_belief *b, int sensor) {
-    const int m = ant_measured(sensor);
-    return b->covariance[m][m] + o->noise[sensor];
+        if (there[i]) correct_one(o, b, i, read[i]);
 }
 
 int ant_sound(const ant_belief *b) {
@@ -111,5 +121,5 @@ void ant_unsure(ant_belief *b, const ant_real read[ANT_SENSORS], const int there
     memset(b->covariance, 0, sizeof b->covariance);
     for (int i = 0; i < B; i++) b->covariance[i][i] = ANT_UNSURE[i];
     for (int i = 0; i < ANT_SENSORS; i++)
-        if (there[i]) b->xi[ant_measured(i)] = read[i];
+        if (there[i]) b->xi[ant_measured(i)] = read[i] + (i < N ? ANT_OLDER * b->xi[N + i] : 0);
 }

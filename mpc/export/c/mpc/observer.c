@@ -61,7 +61,7 @@ static void remember(ant_observer *o, const ant_real sent[ANT_MUSCLES]) {
 
 /* Whether a reading is too far from the value predicted without it. */
 static int doubtful(const ant_observer *o, const ant_belief *predicted, int sensor, ant_real read) {
-    const ant_real error = read - predicted->xi[ant_measured(sensor)];
+    const ant_real error = read - ant_foreseen(predicted, sensor);
     return error * error > ANT_DOUBT * ANT_DOUBT * ant_innovation_variance(o, predicted, sensor);
 }
 
@@ -107,7 +107,7 @@ static int explains(const ant_observer *o, const ant_real read[ANT_SENSORS], con
         const ant_real variance = ant_innovation_variance(o, &o->rival, i);
         ant_real width = variance > 0 ? ant_gate_width(&o->gates[i], variance) : ANT_NAN;
         if (width < ANT_GATE_JUMP[i]) width = ANT_GATE_JUMP[i];
-        if (used[i] && !(ant_abs(read[i] - o->rival.xi[ant_measured(i)]) <= width)) return 0;
+        if (used[i] && !(ant_abs(read[i] - ant_foreseen(&o->rival, i)) <= width)) return 0;
     }
     return 1;
 }
@@ -125,7 +125,7 @@ static void challenge(ant_observer *o, const ant_belief *expected, const ant_rea
     o->explained = 0;
     o->doubted = ANT_HESITATION;
     for (int i = 0; i < ANT_SENSORS; i++) {
-        const ant_real off = ant_abs(read[i] - expected->xi[ant_measured(i)]);
+        const ant_real off = ant_abs(read[i] - ant_foreseen(expected, i));
         if (rejected[i] && !(off <= ANT_GATE_JUMP[i])) o->doubted = ANT_GATE_PATIENCE;
     }
     ant_unsure(&o->rival, read, rejected);
@@ -212,7 +212,7 @@ static void check(ant_observer *o, const ant_belief *expected, const ant_real re
             if (apart < least) least = apart;
             if (apart > most) most = apart;
         }
-        const ant_real value = expected->xi[ant_measured(i)];
+        const ant_real value = ant_foreseen(expected, i);
         o->verdicts[i] = ant_check_reading(&o->gates[i], i, read[i], value + least, value + most,
                                            ant_innovation_variance(o, expected, i));
     }
@@ -229,8 +229,7 @@ static void go_on(ant_observer *o, const ant_real said[ANT_SENSORS]) {
     move_apart(o, &previous);
     ant_real read[ANT_SENSORS];
     int there[ANT_SENSORS], rested[ANT_SENSORS], rests = 0;
-    for (int i = 0; i < ANT_JOINTS; i++)
-        read[i] = ant_unwrapped(said[i], expected.xi[i], ANT_NEAR_A_TURN) + ANT_OLDER * expected.xi[ANT_JOINTS + i];
+    for (int i = 0; i < ANT_JOINTS; i++) read[i] = ant_unwrapped(said[i], expected.xi[i], ANT_NEAR_A_TURN);
     for (int i = 0; i < ANT_MUSCLES; i++) read[ANT_JOINTS + i] = said[ANT_JOINTS + i] - o->offset[i];
     if (!ant_sound(&expected)) {
         for (int i = 0; i < ANT_SENSORS; i++) o->verdicts[i] = ant_first_verdict(i, said[i]);

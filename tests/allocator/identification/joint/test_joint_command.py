@@ -65,7 +65,10 @@ def test_the_mechanism_may_come_from_the_file_of_a_joint(table, tmp_path):
     theta = np.linspace(-1.0, 1.0, 21)
     pulleys, made = Table(0.3, theta, 0.11 + 0.025 / 0.3 * theta, 0.11 - 0.018 / 0.3 * theta), tmp_path / "made.toml"
     save_machine(AntagonistJoint(pulleys, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N), made)
+    with made.open("a", encoding="utf-8") as file:
+        file.write("\n[plant]\ngravity_torque = 1.6\n")
     result = run(table, "--machine", made, "--out", tmp_path / "joint.toml")
+    assert "gravity_torque = 1.6 N·m is not used" in " ".join(result.output.split())
     assert result.exit_code == 0, result.output
     assert load_joint(tmp_path / "joint.toml").geometry == pulleys
 

@@ -77,6 +77,13 @@ def test_where_no_joint_is_given_there_is_no_plant(slow_joint):
         _ = fit.joint
 
 
+def test_clipped_pressures_leave_the_motion_unexplained_and_a_warning(slow_joint, fit):
+    t, theta, P1, P2 = slow_joint.rows
+    clipped = fit_motion(t, theta, np.minimum(P1, 2.0 * BAR), np.minimum(P2, 2.0 * BAR))
+    assert any("are they clipped or of another joint" in warning for warning in clipped.warnings)
+    assert not fit.warnings
+
+
 def test_a_joint_that_swings_shows_its_inertia_and_its_hysteresis(swinging_joint, swinging_fit):
     (plant, _), fit = swinging_joint, swinging_fit
     K = float(plant.stiffness((0.0, 0.0, 2.7 * BAR, 2.7 * BAR)))
