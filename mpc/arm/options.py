@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mpc.model.arm.model import Arm
     from mpc.model.arm.reading import Read
     from mpc.plant_cli import PlantOptions
+    from mpc.trials.motions.corrections import Owner
     from mpc.trials.motions.reference import Reference
 
 _JOINTS, _HAND = _TRACKED = "joints", "hand"
@@ -74,6 +75,15 @@ def _from_mujoco(options: "PlantOptions", more: HandOptions) -> Described:
     if read.left_out:
         notes.append(f"not in the controller's model: {read.left_out}")
     return Described(options.mujoco_arm(read), read.hand, notes, read)
+
+
+def owner_of_arm(options: "PlantOptions", more: HandOptions, arm: "Arm", load: str) -> "Owner":
+    """Return the owner of a correction from the files of an arm, the stiffness that it tracks and its load."""
+    from mpc.trials.motions.corrections import Owner, digest_of
+
+    named = [str(options.machine), *(options.muscle or [])]
+    texts = (Path(name).read_text(encoding="utf-8") if Path(name).is_file() else name for name in named)
+    return Owner(arm.summary, digest_of("\0".join(texts), more.stiffness_of, more.hand), load=load)
 
 
 def refuse_options_of_one_joint(**given: object) -> None:

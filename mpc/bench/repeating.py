@@ -13,6 +13,7 @@ import numpy as np
 from allocator.calculus import Array
 from mpc.bench.cycle import Phase
 from mpc.bench.logs import Record
+from mpc.bench.rows import Sheet
 from mpc.bench.safety import Reason
 from mpc.repetition.learner import Course, Learner, Repetition
 from mpc.trials.motions.reference import Reference
@@ -57,13 +58,19 @@ def finished(record: Record) -> bool:
 
 
 def read(record: Record, course: Course, age: float) -> Array:
-    """Return the angles (M,) [rad] at the samples of the reference, from readings that are `age` [s] old."""
-    t, late, at, theta = record.where("t", "late", "read_at", "theta", phases=(Phase.RUN,))
+    """Return the angles (M,) or (M, n) [rad] at the samples of the reference, from readings that are `age` [s] old."""
+    t, late, at = record.where("t", "late", "read_at", phases=(Phase.RUN,))
     began = t[0] - late[0]
     when = np.where(np.isfinite(at), at, t) - began
-    seen = np.isfinite(theta)
-    wanted = course.wanted.t[: course.count] - course.wanted.t[0]
-    return np.asarray(np.interp(wanted, when[seen] - age, theta[seen]))
+    return _at(course.wanted.t[: course.count] - course.wanted.t[0], when - age, record.values("theta", (Phase.RUN,)))
+
+
+def _at(t: Array, times: Array, theta: Array) -> Array:
+    """Return angles (M, …) at the times `t` (M,) [s] from those (N, …) at other `times` (N,), NaN where not read."""
+    columns = theta.reshape(len(times), -1).T
+    seen = [np.isfinite(column) for column in columns]
+    found = [np.interp(t, times[here], column[here]) for here, column in zip(seen, columns, strict=True)]
+    return np.stack(found, axis=-1).reshape(-1, *theta.shape[1:])
 
 
 def compared(record: Record, course: Course) -> Record:
@@ -73,6 +80,8 @@ def compared(record: Record, course: Course) -> Record:
     running = columns["phase"] == Phase.RUN
     due = columns["t"] - columns["late"]
     began = due[running][0] if running.any() else np.inf
-    theta_ref = columns["theta_ref"].copy()
-    theta_ref[here] = np.interp(due[here] - began, course.wanted.t - course.wanted.t[0], course.wanted.theta)
-    return replace(record, columns=columns | {"theta_ref": theta_ref})
+    wanted = _at(due[here] - began, course.wanted.t - course.wanted.t[0], course.wanted.theta)
+    for name, column in zip(Sheet.of(record.plant).fields["theta_ref"], wanted.reshape(len(wanted), -1).T, strict=True):
+        columns[name] = columns[name].copy()
+        columns[name][here] = column
+    return replace(record, columns=columns)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array
-from mpc.model.real import RealPlant
+from mpc.model.real import real_of
 from mpc.observer.base import Observer
 from mpc.tracking.base import BaseController
 from mpc.trials.loops import Settings, loop
@@ -83,17 +83,17 @@ def responses(
     observer: bool | None = None,
     n_draws: int = DRAWS,
 ) -> tuple[Response, ...]:
-    """Return the responses of the loop of one joint called `name`: at three postures of a reference, and of draws.
+    """Return the responses of the loop called `name`: at three postures of a reference, and of draws.
 
-    The draws are `n_draws` plants from the posterior that `spreads` describe, by default that of data sheets. `name`
-    and `observer` are as for `mpc.trials.loops.loop`.
+    The draws are `n_draws` machines from the posterior that `spreads` describe, by default that of data sheets. `name`
+    and `observer` are as for `mpc.trials.loops.loop`. Raises `InvalidInput` for an arm without formulas.
     """
     sliding_loop = settings.sliding
     told = replace(sliding_loop.compensation, lag_up=None, lag_down=None)
     controller, watching = loop(name, sliding_loop._replace(compensation=told), observer)
     places = postures(reference)
     drawn = draws(settings.plant, settings.compensation, n_draws, 0, spreads or Spreads())
-    model = sliding(RealPlant.of(settings.plant, told))
+    model = sliding(real_of(settings.plant, told))
     asked = [(model, place) for place in places] + [(sliding(draw), places[1]) for draw in drawn]
     return tuple(response(process, controller, watching, *place) for process, place in asked)
 

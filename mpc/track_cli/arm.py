@@ -17,7 +17,7 @@ from allocator.units import BAR, DEG
 from mpc.arm.experiments import arriving
 from mpc.arm.film import SIZES, Film
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.arm.options import Described, asked_of_arm, described, refuse_options_of_one_joint
+from mpc.arm.options import Described, asked_of_arm, described, owner_of_arm, refuse_options_of_one_joint
 from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
@@ -28,7 +28,6 @@ from mpc.track_cli.options import MPC, NOMINAL, REAL, Request
 from mpc.track_cli.trial import Trial
 from mpc.trials.files import check_recordable
 from mpc.trials.loops import Settings, loop
-from mpc.trials.motions.corrections import Owner, digest_of
 from mpc.trials.simulation import Run, in_motion
 
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
@@ -66,7 +65,7 @@ def arm_trial(request: Request, opened: ExitStack) -> Trial:
 
     return Trial(
         MPC, settings, tested, controller, observer, asked,
-        Owner(arm.summary, digest_of(_text_of(machine), request.arm.stiffness_of, request.arm.hand), MPC, request.load),
+        owner_of_arm(machine, request.arm, arm, request.load),
         possible,
         about=[
             f"arm: {arm.summary}",
@@ -125,12 +124,6 @@ def _dry_friction(simulated: Sequence[float], known: Compensation) -> Iterator[s
         knows = f"{told / whole:.0%} of it" if told else "nothing of it"
         most = f"up to {max(simulated):.3g} N·m per joint"
         yield f"the simulated joints have dry friction, {most}; controller and observer know {knows}"
-
-
-def _text_of(machine: PlantOptions) -> str:
-    """Return the text of the machine's file and its muscles, or their names."""
-    named = [str(machine.machine), *(machine.muscle or [])]
-    return "\0".join(Path(name).read_text(encoding="utf-8") if Path(name).is_file() else name for name in named)
 
 
 def _caught(request: Request, tested: MujocoPlant, arm: Arm, time: float) -> list[Callable[[], None]]:
