@@ -111,7 +111,8 @@ def is_raw(measured: Measured) -> bool:
 
 def without_spikes(measured: Measured) -> Measured:
     """Return the log without the rows in which a reading is a spike."""
-    found = _spikes(measured)
+    columns = {q: a for q, a in measured.values.items() if _kind(q) in (*_PRESSURES, *_LEAST)}
+    found = spikes_of(measured.values["time"], columns)
     if not found:
         return measured
     drop = np.zeros(measured.values["time"].size, bool)
@@ -191,11 +192,6 @@ def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
         for q, a in columns.items()
     }
     return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
-
-
-def _spikes(measured: Measured) -> dict[str, list[int]]:
-    columns = {q: a for q, a in measured.values.items() if _kind(q) in _PRESSURES or _kind(q) in _LEAST}
-    return spikes_of(measured.values["time"], columns)
 
 
 def _kind(quantity: str) -> str:

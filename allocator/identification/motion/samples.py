@@ -14,7 +14,6 @@ same parameters in all of them, and begins each without memory.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from os import PathLike
 from typing import Self
 
 import numpy as np
@@ -94,8 +93,7 @@ class MotionLog:
         log._check_excitation()
         log = log._even()
         log = log._without_noise() if medians else log
-        every = -(-log.n // MOST_ROWS)
-        return log if every == 1 else log.thinned(every)
+        return log.thinned(-(-log.n // MOST_ROWS))
 
     def thinned(self, every: int) -> Self:
         """Return every n-th row."""
@@ -284,7 +282,7 @@ def read_motion_log(
     Raises `InvalidFile`, with line and column if applicable, also for too little motion in all files together, and
     `InvalidInput` if only some files have measured pressures in addition to commands.
     """
-    paths = short([path] if isinstance(path, str | PathLike) else list(path))
+    paths = short(path)
     logs = {name: _read(one, columns, skip_rows, topics) for name, one in paths.items()}
     log = joined(logs)
     try:
