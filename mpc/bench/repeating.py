@@ -32,11 +32,8 @@ class Repeated(NamedTuple):
 
 def once(drive: Callable[[Reference], Record], reference: Reference, begun: Correction | None) -> Repeated:
     """Drive once along a reference, or along the correction `begun`, whose record has the desired angles."""
-    if begun is None:
-        record = drive(reference)
-        return Repeated(None, record, record)
-    record = drive(begun.reference)
-    return Repeated(None, compared(record, Course.of(reference, record.dt)), record)
+    record = drive(reference if begun is None else begun.reference)
+    return Repeated(None, record if begun is None else compared(record, Course.of(reference, record.dt)), record)
 
 
 def repeat(

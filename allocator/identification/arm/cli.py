@@ -72,15 +72,7 @@ def fit_arm_command(
         say(console, f"beware: the log hardly shows what {', '.join(doubtful)} pull: move these joints more")
 
 
-_HEAD = (
-    "joint",
-    "raised by (t)",
-    "lowered by (t)",
-    "RMS [°]",
-    "if at rest [°]",
-    "95 % band at the end [°]",
-    "terms",
-)
+_HEAD = "joint", "raised by (t)", "lowered by (t)", "RMS [°]", "if at rest [°]", "95 % band at the end [°]", "terms"
 
 
 def _joints(fit: ArmFit, windows: Windows) -> list[dict[str, object]]:

@@ -9,15 +9,8 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.identification.motion import intervals
 from allocator.identification.motion.doubt import Bands
-from allocator.identification.motion.intervals import (
-    JACKKNIFE,
-    WORSE,
-    block_of,
-    parameters_of,
-    with_regulators,
-    without_blocks,
-)
 from allocator.identification.motion.problem import REGULATOR, STIFFEST, MotionProblem, Prediction
 from allocator.identification.motion.result import TRAINED, Errors, MotionFit
 from allocator.identification.motion.samples import MotionLog
@@ -45,7 +38,7 @@ _USUAL = {"lag_up": 0.1, "lag_down": 0.13, "dead_time": 0.03, "dead_band": 0.08 
 _USUAL |= {"lag_ratio": 1.0, "volume": 1.3, "base": 0.8, "damping": 0.03, "inertia": 6e-3}  # starts of all at once
 _BY_SUM = "base", "lag_ratio"  # identified only if P1 + P2 varies
 _SPRING = 0.02  # κ_i of each stop
-STEPS = 9 + LEFT_OUT + JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
+STEPS = 9 + LEFT_OUT + intervals.JACKKNIFE + 2 * len(_SIGNS)  # of `progress`, at most
 
 
 def fit_motion(
@@ -112,11 +105,13 @@ def fit_motion(
     trained, unseen = _trained(problems, early, sensed, tell)
     tell("all rows")
     found = trained.again(every)
-    left_out = [_left_out(found, rows & every, every & ~rows, tell) for rows in without_blocks(log.n, LEFT_OUT)]
+    left_out = [
+        _left_out(found, rows & every, every & ~rows, tell) for rows in intervals.without_blocks(log.n, LEFT_OUT)
+    ]
     errors = np.where(every, np.nansum([error for _, error in left_out], axis=0), np.nan)
-    parameters = parameters_of(found, MotionLog.checked(t, theta, P1, P2, medians=False), tell)
+    parameters = intervals.parameters_of(found, MotionLog.checked(t, theta, P1, P2, medians=False), tell)
     if sensed is not None:
-        parameters = with_regulators(parameters, found, sensed)
+        parameters = intervals.with_regulators(parameters, found, sensed)
     run = found.run(every)
     return MotionFit(
         operator=found.problem.filled(found.x, run.weights),
@@ -124,7 +119,7 @@ def fit_motion(
         error=_errors(found, every, every),
         held_out=_errors(trained, early, every & ~early),
         blocks=tuple(errors for errors, _ in left_out),
-        bands=Bands.of(errors, block_of(log.n, LEFT_OUT), found.problem.taut(run)),
+        bands=Bands.of(errors, intervals.block_of(log.n, LEFT_OUT), found.problem.taut(run)),
         unseen=(*unseen, *_taken(found, run), *([taken] if taken and found.problem.gas else [])),
         converged=found.converged,
         given=full if found.problem.gas else joint,
@@ -237,7 +232,7 @@ def _if_needed(found: Found, best: float, used: Mask, names: tuple[str, ...]) ->
         return found
     less, x = found.without(*names)
     other = search(less, used, x)
-    return other if other.rms < WORSE * best else found
+    return other if other.rms < intervals.WORSE * best else found
 
 
 def _if_better(found: Found, used: Mask, **more: float) -> Found:
@@ -260,7 +255,7 @@ def _swinging(found: Found, used: Mask) -> Found:
 
 def _taken(found: Found, run: Prediction) -> list[str]:
     sentences, log = [], found.problem.log
-    if found.stiffest(run):
+    if found.problem.stiffest(found.x, run.weights):
         sentences.append(f"how far a stuck joint gives: taken as {STIFFEST:g} of its usual way")
     if not log.varies_sum:
         sentences.append(f"effects of P1 + P2, which stays at {np.mean(log.P1 + log.P2) / BAR:.3g} bar")

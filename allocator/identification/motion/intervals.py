@@ -44,7 +44,7 @@ def _named(found: Found, used: Mask) -> dict[str, float]:
     H, values = problem.filled(found.x, run.weights), problem.values(found.x)
     named = {name: values[name] for name in problem.free}
     named["loop_width"] = 2 * sum(w * r for w, r in zip(H.weights[1:], H.thresholds, strict=True))
-    if not found.stiffest(run):
+    if not problem.stiffest(found.x, run.weights):
         named["stuck_slope"] = H.weights[0]
     if isinstance(problem.static, Equilibrium):
         named["gain"] = found.slope(used)

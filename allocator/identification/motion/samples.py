@@ -210,13 +210,11 @@ class MotionLog:
 
     def _without_spikes(self) -> Self:
         found = spikes_of(self.t, {"theta": self.theta, "pressure1": self.P1, "pressure2": self.P2})
-        spikes = {name.replace("pressure", "P"): rows for name, rows in found.items()}
-        if not (wrong := [f"{name}[{i}]" for name, rows in spikes.items() for i in rows]):
+        if not found:
             return self
-        keep = np.ones(self.n, bool)
-        keep[[i for rows in spikes.values() for i in rows]] = False
+        wrong = [f"{name.replace('pressure', 'P')}[{i}]" for name, mask in found.items() for i in np.flatnonzero(mask)]
         note = f"rows with spikes were left out: {some(wrong)}"
-        return replace(self._rows(keep), notes=(*self.notes, note))
+        return replace(self._rows(~np.any([*found.values()], axis=0)), notes=(*self.notes, note))
 
     def _check_turns(self) -> None:
         """Refuse impossible angles: a revolution within a row."""

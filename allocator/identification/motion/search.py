@@ -18,16 +18,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.motion.problem import (
-    ABSENT,
-    LOWER,
-    REGULATOR,
-    STEP,
-    STIFFEST,
-    UPPER,
-    MotionProblem,
-    Prediction,
-)
+from allocator.identification.motion.problem import ABSENT, LOWER, REGULATOR, STEP, UPPER, MotionProblem, Prediction
 from allocator.units import BAR
 
 _LAGS = (0.05, 0.3)  # [s] to start from
@@ -54,10 +45,6 @@ class Found(NamedTuple):
         """Return the mean slope of the static angle [rad] with respect to q over the rows `used` (n,)."""
         run = self.run(used)
         return float(np.polyfit(self.problem.static(run.P1, run.P2), run.static, 1)[0])
-
-    def stiffest(self, run: Prediction) -> bool:
-        """Return whether the weights of the plays of its `run` are at their bound."""
-        return self.problem.operator(self.x, run.weights).weights[0] <= STIFFEST * (1 + 1e-4)
 
     def again(self, used: Mask, problem: MotionProblem | None = None) -> "Found":
         """Continue the search on other rows, or for another problem of these unknowns."""
