@@ -136,7 +136,7 @@ def _described(measured: Measured, found: Mapping[str, Mask]) -> str:
     for quantity, rows in found.items():
         column, value = measured.columns[quantity], measured.values[quantity][rows][0]
         shown = f"{(value + column.offset) / column.scale:.4g} {column.unit}"
-        first = "the first " * (rows.sum() > 1)
+        first = "the first " if rows.sum() > 1 else ""
         parts.append(f"column {column.name!r} in {measured.lines(rows)} ({first}{shown})")
     return ", ".join(parts)
 

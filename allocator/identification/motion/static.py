@@ -50,7 +50,7 @@ class Difference:
         """Return P1 + P2 (…) [Pa], to which the stiffness is about proportional."""
         return np.asarray(P1 + P2)
 
-    def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
+    def squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
         """Return factors of one, see `Equilibrium`: without muscles the volumes are unknown."""
         return (np.ones(theta.size), np.ones(theta.size)), 0.0
 
@@ -79,7 +79,7 @@ class Equilibrium:
         at = np.stack([P1, P2]) * ((_GRID - 1) / self.greatest)
         return np.asarray(map_coordinates(grid, at, order=1, mode="nearest"))
 
-    def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
+    def squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
         """Return the factors of both absolute pressures for half of each move of `theta`, two rows (n,).
 
         `theta` (n,) are encoder readings [rad].
