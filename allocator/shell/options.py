@@ -23,7 +23,7 @@ _LIST = re.compile(r"<list\[(\w+)\]>")  # the type of an option that may be repe
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """Let `command` take the fields of a dataclass among its parameters as options of its own.
 
-    A parameter annotated with a dataclass is replaced by the fields of that dataclass.
+    A parameter annotated with a dataclass is replaced by the fields of that dataclass, in its place.
     """
     given = signature(command)
     groups: dict[str, Any] = {name: p.annotation for name, p in given.parameters.items() if is_dataclass(p.annotation)}

@@ -105,9 +105,8 @@ def fit_motion(
     trained, unseen = _trained(problems, early, sensed, tell)
     tell("all rows")
     found = trained.again(every)
-    left_out = [
-        _left_out(found, rows & every, every & ~rows, tell) for rows in intervals.without_blocks(log.n, LEFT_OUT)
-    ]
+    others = intervals.without_blocks(log.n, LEFT_OUT)
+    left_out = [_left_out(found, rows & every, every & ~rows, tell) for rows in others]
     errors = np.where(every, np.nansum([error for _, error in left_out], axis=0), np.nan)
     parameters = intervals.parameters_of(found, MotionLog.checked(t, theta, P1, P2, medians=False), tell)
     if sensed is not None:
