@@ -100,8 +100,7 @@ def allocate_command(
     else:
         console = Console()
         console.print(*tables, sep="\n")
-        for sentence in filter(None, (_of_hand(values), values["message"])):
-            say(console, sentence)
+        say(console, _of_hand(values), values["message"])
     if not success:
         raise typer.Exit(_NOT_MET)
 

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import typer
 
@@ -16,7 +16,7 @@ from allocator.errors import InvalidInput
 from allocator.files.atomic import write_text
 from allocator.lazy import Console
 from allocator.shell.options import grouped
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
+from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
 from mpc.plant_cli import LoopOptions, PlantOptions
 
 if TYPE_CHECKING:
@@ -75,22 +75,16 @@ def tune_command(
     """
     from rich.console import Console
 
+    from allocator.presentation.plotting import save_figure
     from allocator.presentation.progress import counted
     from mpc.model.arm.model import Arm
-    from mpc.model.arm.storage import save_arm
+    from mpc.tuning.picture import plot_tuned
     from mpc.tuning.search import tune
 
-    check_ending("--plot", plot, IMAGES)
-    if in_place and out is not None:
-        raise InvalidInput("--in-place and --out: give one of the two")
-    plant = None if options.file is None else Path(options.file)
-    if in_place and plant is None:
-        raise InvalidInput(f"--in-place is for a TOML file, and --machine is {options.machine}; give --out FILE")
-    copy = plant.with_name(plant.name + _KEPT) if in_place and plant is not None else None
-    claim(out, plot, copy, inputs=options.files, force=force)
-    check_toml("--out", out)
+    target = _Target.of(options, out, in_place)
+    claim_result(out, plot, target.copy, inputs=options.files, force=force)
     console = Console(stderr=as_json)
-    model, known, spreads = _read(options, plant)
+    model, known, spreads = _read(options)
     if at.stiffness is not None and isinstance(model, Arm):
         raise InvalidInput("--stiffness is for one joint; an arm is tuned with its usual stiffness")
     say(console, f"plant: {model.summary}" + f"; {known.summary}" * bool(known.summary))
@@ -105,39 +99,58 @@ def tune_command(
         print_json(tuned.to_dict(judged))
     else:
         _describe(tuned, judged, console)
-    if copy is not None and plant is not None:
-        copy.write_bytes(plant.read_bytes())
-    target = plant if in_place else out
-    if target is not None:
+    say(console, target.write(tuned, model, options))
+    write(plot, lambda path: save_figure(plot_tuned(tuned), path, dpi=120), console)
+
+
+class _Target(NamedTuple):
+    """File that gets the tuning, if any, and the copy of the machine's file that is kept if it is the same file."""
+
+    path: Path | None
+    copy: Path | None = None
+
+    @classmethod
+    def of(cls, options: PlantOptions, out: Path | None, in_place: bool) -> Self:
+        """Return the file of --out or --in-place. Raises `InvalidInput`."""
+        if not in_place:
+            return cls(out)
+        if out is not None:
+            raise InvalidInput("--in-place and --out: give one of the two")
+        if options.file is None:
+            raise InvalidInput(f"--in-place is for a TOML file, and --machine is {options.machine}; give --out FILE")
+        return cls(Path(options.file), Path(options.file + _KEPT))
+
+    def write(self, tuned: "Tuned", model: Any, options: PlantOptions) -> str:
+        """Write the machine with its tuning, or of a MuJoCo model the tuning alone; return a sentence about it."""
+        from mpc.model.arm.storage import save_arm
+
+        if self.path is None:
+            return "not written: give --out FILE, or --in-place"
+        if self.copy is not None:
+            self.copy.write_bytes(self.path.read_bytes())
         if options.is_mujoco:
-            write_text(target, "\n".join(tuned.tuning.lines()).lstrip("\n") + "\n")
+            write_text(self.path, "\n".join(tuned.tuning.lines()).lstrip("\n") + "\n")
         else:
-            if plant is None:
-                save_arm(model, target)
-            tuned.save(plant or target, target)
-        say(console, f"written: {target}" + f", with a copy of the file before in {copy}" * in_place)
-    else:
-        say(console, "not written: give --out FILE, or --in-place")
-    if plot is not None:
-        from allocator.presentation.plotting import save_figure
-        from mpc.tuning.picture import plot_tuned
-
-        save_figure(plot_tuned(tuned), plot, dpi=120)
-        say(console, f"written: {plot}")
+            if options.file is None:
+                save_arm(model, self.path)
+            tuned.save(options.file or self.path, self.path)
+        return f"written: {self.path}" + (f", with a copy of the file before in {self.copy}" if self.copy else "")
 
 
-def _read(options: PlantOptions, file: Path | None) -> "tuple[Any, Compensation, Spreads]":
+def _read(options: PlantOptions) -> "tuple[Any, Compensation, Spreads]":
     """Return a plant or an arm, its known effects and its spreads. Raises `InvalidFile` and `InvalidInput`."""
     from mpc.model.compensation import Compensation
     from mpc.model.plant import Plant
 
     if options.machine is None:
         raise InvalidInput("give the machine to tune for: --machine FILE, arm26 or arm48")
-    if file is not None and options != PlantOptions(machine=options.machine):
-        raise InvalidInput(f"a machine's file is tuned for as it is; edit {file} in place of options of the machine")
+    if options.file and options != PlantOptions(machine=options.machine):
+        raise InvalidInput(
+            f"a machine's file is tuned for as it is; edit {options.file} in place of options of the machine"
+        )
     if options.of_several:
         return options.arm(), options.compensation_of_arm(), options.spreads()
-    return Plant.load(str(file)), Compensation.load(str(file)), options.spreads()
+    return Plant.load(str(options.file)), Compensation.load(str(options.file)), options.spreads()
 
 
 def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", console: "Console") -> None:
@@ -150,11 +163,7 @@ def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", co
         for row in tuned.rows(pair):
             table.add_row(*map(escape, row))
         console.print(table)
-    say(console, tuned.tuning.summary)
-    if tuned.note:
-        say(console, tuned.note)
-    if tuned.warning:
-        say(console, f"beware: {tuned.warning}")
+    say(console, tuned.tuning.summary, tuned.note, tuned.warning and f"beware: {tuned.warning}")
 
 
 @contextmanager

@@ -96,8 +96,7 @@ def problem_from(
         named |= checks.pressure_pair("pull[1]", reference, ("P1_ref", "P2_ref"))
     arrays = checks.broadcast(**named)
     flat = {name: array.flatten() for name, array in zip(named, arrays, strict=True)}  # copies: they stay as they are
-    low, high = _force_limits(limits)
-    push = None if felt is None or joint.affine else felt.separable
+    push, now = None if felt is None or joint.affine else felt.separable, _pair(flat, "P1_now", "P2_now")
     problem = Problem(
         joint,
         theta=np.clip(flat["theta"], *joint.angle_range),
@@ -105,7 +104,7 @@ def problem_from(
         T=flat["T"],
         priority=chosen,
         weights=_weights(chosen, weights),
-        limits=Limits(low, high, _cocontraction(joint, limits), _pair(flat, "P1_now", "P2_now"), flat.get("max_step")),
+        limits=Limits(*_force_limits(limits), _cocontraction(joint, limits), now, flat.get("max_step")),
         stiffness_tolerance=_tolerance(chosen, tolerance),
         pull=rho,
         reference=_pair(flat, "P1_ref", "P2_ref"),
@@ -113,8 +112,7 @@ def problem_from(
         push=None if push is None else push[:2],
         own=0.0 if push is None else push[2],
     )
-    problem = problem if shares is None else problem.with_shares(shares)
-    return problem, flat["theta"].reshape(arrays[0].shape)
+    return problem if shares is None else problem.with_shares(shares), flat["theta"].reshape(arrays[0].shape)
 
 
 def pulled(pull: object) -> tuple[float, Any]:

@@ -11,7 +11,8 @@ import typer
 from allocator.errors import InvalidInput
 from allocator.joint.gas import ISOBARIC, Stiffness
 from allocator.joint.limits import Limits
-from allocator.lazy import Console, Figure
+from allocator.lazy import Figure
+from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, torques
 from allocator.shell.options import grouped, numbers, within
 from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
@@ -21,7 +22,6 @@ from allocator.units import DEG
 if TYPE_CHECKING:
     from allocator.calculus import Array
     from allocator.feasibility.result import FeasibilityMap
-    from allocator.joint.antagonist import AntagonistJoint
     from allocator.mechanism.mechanism import Mechanism
 
 _LONG = 8  # least number of chunks for a progress bar
@@ -70,6 +70,7 @@ def map_command(
     """
     from rich.console import Console
 
+    from allocator.feasibility.maps import feasibility_map
     from allocator.joint.antagonist import AntagonistJoint
 
     check_ending("--out", out, _ENDINGS)
@@ -82,54 +83,27 @@ def map_command(
         if pressures or stiffness_options != StiffnessOptions():
             raise InvalidInput("--pressures, --valves, --frequency and --amplitude are for one joint")
         machine: Any = options.build()
-        located = hand.located(machine, options.machine)
-        _map_of_several(machine, hand, located, targets, torque, out, min_force, as_json)
-        return
-    hand.none()
-    if targets is not None:
-        raise InvalidInput(
-            "--targets is for several joints; one joint takes ranges of --theta, --stiffness and --torque"
+        check_ending("--out", out, IMAGES)
+        figure, sentence, values = _drawn(
+            machine, hand, hand.located(machine, options.machine), targets, torque, min_force
         )
-    axes = {
-        "theta": None if theta is None else _angles(theta),
-        "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
-        "T": _torque(torque, theta, stiffness),
-    }
-    console = Console(stderr=as_json)
-    joints = options.compared(base)
-    meant = stiffness_options.meant(options.file)
-    maps = {name: _map(axes, joint, meant, min_force, max_memory, console) for name, joint in joints.items()}
-    _write(maps, out, pressures)
-    if as_json:
-        print_json({"maps": [_values(name, found) for name, found in maps.items()], "written": str(out)})
-        return
-    for name, found in maps.items():
-        say(console, _sentence(name, found))
-    say(console, f"written: {out}")
-
-
-def _map_of_several(
-    mechanism: Any,
-    options: HandOptions,
-    hand: Hand | None,
-    targets: str | None,
-    torque: str | None,
-    out: Path,
-    min_force: float,
-    as_json: bool,
-) -> None:
-    """Draw the feasible targets of several joints."""
-    from rich.console import Console
-
-    from allocator.presentation.plotting import save_figure
-
-    check_ending("--out", out, IMAGES)
-    figure, sentence, values = draw(mechanism, options, hand, targets, torque, min_force=min_force)
-    save_figure(figure, out)
+        save_figure(figure, out)
+    else:
+        hand.none()
+        if targets is not None:
+            raise InvalidInput(
+                "--targets is for several joints; one joint takes ranges of --theta, --stiffness and --torque"
+            )
+        asked = _axes(theta, stiffness, torque) | {"max_bytes": max_memory * 1e9, "progress": _progress}
+        asked |= {"stiffness": stiffness_options.meant(options.file), "limits": Limits(min_force)}
+        maps = {name: feasibility_map(joint=joint, **asked) for name, joint in options.compared(base).items()}
+        _write(maps, out, pressures)
+        sentence = "\n".join(_sentence(name, found) for name, found in maps.items())
+        values = {"maps": [_values(name, found) for name, found in maps.items()]}
     if as_json:
         print_json(values | {"written": str(out)})
     else:
-        say(Console(), f"{sentence}\nwritten: {out}")
+        say(Console(), sentence, f"written: {out}")
 
 
 def _axis(option: str, text: str, unit: str) -> "Array":
@@ -151,30 +125,23 @@ def _angles(text: str) -> "Array":
     return found * DEG
 
 
-def _torque(torque: str | None, *others: str | None) -> "Array | float | None":
-    """Return the requested torque; else 0, or None for all torques if the angle or the stiffness is a number."""
-    if torque is not None:
-        return _axis("--torque", torque, "N·m")
-    return None if any(other is not None and ":" not in other for other in others) else 0.0
+def _axes(theta: str | None, stiffness: str | None, torque: str | None) -> dict[str, Any]:
+    """Return the axes of a map by name, None for all values.
+
+    The torque is 0 by default, or takes all values if the angle or the stiffness is a number.
+    """
+    fixed = any(given is not None and ":" not in given for given in (theta, stiffness))
+    return {
+        "theta": None if theta is None else _angles(theta),
+        "K": None if stiffness is None else _axis("--stiffness", stiffness, "N·m/rad"),
+        "T": _axis("--torque", torque, "N·m") if torque is not None else None if fixed else 0.0,
+    }
 
 
-def _map(
-    axes: "dict[str, Array | float | None]",
-    joint: "AntagonistJoint",
-    meant: "Stiffness",
-    min_force: float,
-    max_memory: float,
-    console: "Console",
-) -> "FeasibilityMap":
-    from allocator.feasibility.maps import feasibility_map
-    from allocator.joint.limits import Limits
+def _progress(chunks: Sequence[int]) -> Iterable[int]:
     from allocator.presentation.progress import counted
 
-    def progress(chunks: Sequence[int]) -> Iterable[int]:
-        return counted(chunks, "mapping") if len(chunks) >= _LONG else chunks
-
-    asked: dict[str, Any] = axes | {"joint": joint, "limits": Limits(min_force), "stiffness": meant}
-    return feasibility_map(**asked, max_bytes=max_memory * 1e9, progress=progress)
+    return counted(chunks, "mapping") if len(chunks) >= _LONG else chunks
 
 
 def _ended_by(found: "FeasibilityMap") -> list[str]:
@@ -206,7 +173,6 @@ def _values(name: str, found: "FeasibilityMap") -> dict[str, object]:
 
 def _write(maps: dict[str, "FeasibilityMap"], out: Path, pressures: bool) -> None:
     from allocator.feasibility.plotting import plot_maps, plot_pressures
-    from allocator.presentation.plotting import save_figure
 
     first, *more = maps.values()
     ending = out.suffix.lower()
@@ -227,13 +193,12 @@ _SWING = 60 * DEG  # of joints without limits
 _BENT = 5 * DEG  # from the stretched arm, where the Jacobian is singular
 
 
-def draw(
+def _drawn(
     mechanism: "Mechanism",
     options: HandOptions,
     hand: Hand | None,
     targets: str | None,
     torque: str | None,
-    *,
     min_force: float,
 ) -> tuple["Figure", str, dict[str, object]]:
     """Return the figure of a mechanism's feasible targets, a sentence on it, and the output of `--json`.
@@ -241,23 +206,12 @@ def draw(
     At a posture the polygon of two `targets`, such as "K11,K22"; of a hand without a posture its stiffness ellipses
     over the workspace. `torque` is the constant torque: numbers [N·m], 0 by default, or "free". Raises `InvalidInput`.
     """
+    from allocator.feasibility.targets import feasible_targets
+
     if options.posture is None and hand is None:
         raise InvalidInput("give a --posture [degrees] to draw its targets, or --links or --hand to draw a workspace")
     if options.posture is None and hand is not None and targets is None:
         return _workspace(mechanism, hand, torque, min_force)
-    return _polygon(options, mechanism, hand, targets, torque, min_force)
-
-
-def _polygon(
-    options: HandOptions,
-    mechanism: "Mechanism",
-    hand: Hand | None,
-    targets: str | None,
-    torque: str | None,
-    min_force: float,
-) -> tuple["Figure", str, dict[str, object]]:
-    from allocator.feasibility.targets import feasible_targets
-
     meant = ISOBARIC if hand is None else Stiffness(endpoint=hand.endpoint, force=hand.force)
     found = feasible_targets(mechanism, options.angles(mechanism), limits=Limits(min_force), stiffness=meant)
     x, y = _pair(targets, mechanism.n, hand)

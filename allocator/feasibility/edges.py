@@ -15,8 +15,7 @@ from allocator.allocation.status import CLOSED_FORM
 from allocator.allocation.two_muscles import reach
 from allocator.allocation.two_muscles.problem import Problem
 from allocator.calculus import Array
-from allocator.feasibility.setting import Columns, Setting, spans
-from allocator.joint.gas import StiffnessKind
+from allocator.feasibility.setting import Columns, Setting, spans, with_states
 from allocator.joint.limits import BINDS, names
 from allocator.joint.torque_levels import Pair, torque, torque_interval
 
@@ -115,8 +114,7 @@ def _outermost(problems: list[Problem], found: list[tuple[Pair, Pair]], margins:
         T = np.stack([torque(problem.sides, pairs[end]) for problem, pairs in zip(problems, found, strict=True)])
         which = np.where(reached, sign * T, np.inf).argmin(axis=0)
         P1, P2 = (np.take_along_axis(np.stack([p[end][i] for p in found]), which[None], 0)[0] for i in (0, 1))
-        one, two = np.array(StiffnessKind.free)[which].T
-        chosen.append((replace(problems[0], shares=(one, two)), (P1, P2)))
+        chosen.append((with_states(problems[0], which), (P1, P2)))
     return chosen[0], chosen[1]
 
 

@@ -183,11 +183,11 @@ def _fan(axes: "Axes", place: Array, tilt: Array, radius: float) -> None:
 
 def _spacing(places: Array) -> float:
     """Return the median distance of a place to its nearest neighbour, or the arm's reach of a single one."""
+    from scipy.spatial import cKDTree
+
     if len(places) < 2:
         return float(np.hypot(*places[0])) or 1.0
-    distance = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
-    np.fill_diagonal(distance, np.inf)
-    return float(np.median(distance.min(axis=1)))
+    return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
 
 
 # --- an arm -----------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from allocator.lazy import Axes
 from allocator.units import BAR, DEG
 
 _SHUT = "none", "antagonist", "agonist", "both"  # valves, by `FeasibilityMap.state`
+_CELLS = "status", "limits", "P1", "P2", "state"  # arrays with a number for each cell
 _HEADER = "theta_deg,stiffness_Nm_per_rad,torque_Nm,status,limits,P1_bar,P2_bar"
 
 
@@ -115,16 +116,9 @@ class FeasibilityMap:
         """Maps with two axes: this one, or the one at every torque if there are three."""
         if len(self.varied) == 2:
             return (self,)
+        cells = {name: array for name in _CELLS if (array := getattr(self, name)) is not None}
         return tuple(
-            replace(
-                self,
-                T=np.array(T),
-                status=self.status[..., i],
-                limits=self.limits[..., i],
-                P1=self.P1[..., i],
-                P2=self.P2[..., i],
-                state=None if self.state is None else self.state[..., i],
-            )
+            replace(self, T=np.array(T), **{name: array[..., i] for name, array in cells.items()})
             for i, T in enumerate(self.T)
         )
 
@@ -174,13 +168,7 @@ class FeasibilityMap:
         with replacing(path) as draft, draft.open("wb") as file:  # given a name, NumPy would add a suffix
             np.savez_compressed(
                 file,
-                theta=self.theta,
-                K=self.K,
-                T=self.T,
-                status=self.status,
-                limits=self.limits,
-                P1=self.P1,
-                P2=self.P2,
+                **{name: getattr(self, name) for name in ("theta", "K", "T", *_CELLS[:-1])},
                 valves=self._state,
                 valve_names=np.array(_SHUT),
                 stiffness=np.array(self.kind.text),

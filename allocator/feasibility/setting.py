@@ -127,20 +127,20 @@ def _united(found: list[Columns]) -> Columns:
         return np.asarray(np.take_along_axis(np.stack(list(arrays)), which[None], 0)[0])
 
     return Columns(
-        _with_states(found, lowest),
+        with_states(found[0].problem, lowest),
         (of(lowest, (c.low[0] for c in found)), of(lowest, (c.low[1] for c in found))),
         (of(highest, (c.high[0] for c in found)), of(highest, (c.high[1] for c in found))),
         of(lowest, (c.K_min for c in found)),
         of(highest, (c.K_max for c in found)),
         np.stack([np.where(c.empty, -1.0, c.reach) for c in found]).max(axis=0),
-        _with_states(found, highest),
+        with_states(found[0].problem, highest),
     )
 
 
-def _with_states(found: list[Columns], which: NDArray[np.intp]) -> Problem:
-    """Return the problems with the valves in these states."""
+def with_states(problem: Problem, which: NDArray[np.intp]) -> Problem:
+    """Return the problems with the valves in these states, by their numbers (n,)."""
     one, two = np.array(StiffnessKind.free)[which].T
-    return replace(found[0].problem, shares=(one, two))
+    return replace(problem, shares=(one, two))
 
 
 PIECES = 128

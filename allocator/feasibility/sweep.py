@@ -203,9 +203,7 @@ def design_sweep(
 def _run(batches: Sequence[list[Design]], rules: tuple[Any, ...], executor: Executor | None) -> Iterator[Answer]:
     """Run the batches and yield answers as they come."""
     if executor is None:
-        for batch in batches:
-            for design in batch:
-                yield design, performance(design, *rules)
+        yield from ((design, performance(design, *rules)) for batch in batches for design in batch)
         return
     waiting = list(batches)
     running: set[Future[list[Answer]]] = set()

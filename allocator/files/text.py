@@ -17,11 +17,12 @@ _LEAST = 4  # least number of characters to recognise it
 _HALF = 0.4  # share of zeros among every second byte, above which it is UTF-16 without a mark
 
 
-def short(paths: Sequence[P]) -> dict[str, P]:
-    """Return the files by their names, or by their whole paths if two of them have the same name.
+def short(paths: P | Sequence[P]) -> dict[str, P]:
+    """Return one file or several by their names, or by their whole paths if two of them have the same name.
 
     Raises `InvalidInput` for a file that is given twice.
     """
+    paths = [paths] if isinstance(paths, str | PathLike) else paths
     if len({Path(path).absolute() for path in paths}) < len(paths):
         raise InvalidInput(f"a file is given twice: {', '.join(map(str, paths))}")
     names = [Path(path).name for path in paths]

@@ -6,9 +6,11 @@ that of the determined directions, σ² (JᵀJ)⁺, σ² = Σ w r²/(n - rank), 
 alone has its proper variance.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
@@ -27,6 +29,14 @@ def solve(A: Array, b: Array, rcond: float) -> Array:
     """Return argmin |A p - b| (m, …) with the columns of A scaled to unit length, the shortest if it is not unique."""
     scaled, length = unit_columns(A)
     return np.asarray((np.linalg.lstsq(scaled, b, rcond=rcond)[0].T / length).T)
+
+
+def polynomials(places: Array, degrees: Iterable[tuple[int, int]], most: float) -> Array | None:
+    """Return the Chebyshev polynomials (n, terms) over `places` (n, 2), of the first of the `degrees` along both axes
+    with `most` terms or fewer; None if there are none.
+    """
+    x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in places.T)
+    return next((chebyshev.chebvander2d(x, y, (i, j)) for i, j in degrees if (i + 1) * (j + 1) <= most), None)
 
 
 def rms(error: ArrayLike) -> float:

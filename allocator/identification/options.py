@@ -1,12 +1,14 @@
 """Options of the commands that read measured data, and their progress display."""
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 
 import typer
 from typer.models import OptionInfo
 
 from allocator.errors import InvalidInput
+from allocator.identification.columns import parse_columns
 from allocator.lazy import Console
 from allocator.presentation.progress import counted
 
@@ -14,18 +16,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 T = TypeVar("T")
-
-SkipRows = Annotated[
-    int, typer.Option("--skip-rows", min=0, help="number of lines to leave out at the beginning of the file")
-]
-Topics = Annotated[
-    str | None,
-    typer.Option(
-        help="quantities and their fields in a ROS bag or an MCAP file; such as "
-        "'theta=/joint_states.position[0] pressure1=/valves.data[0]:bar', in SI units unless a unit "
-        "follows. Each message of the first topic gives a row"
-    ),
-]
 
 
 def columns_option(example: str) -> OptionInfo:
@@ -35,6 +25,28 @@ def columns_option(example: str) -> OptionInfo:
         "sign, :bar(abs) subtracts the atmosphere, and ignore=NAME leaves a column out"
     )
     return option
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """Options of measured data in files: the names of columns, lines to leave out, and the topics of a bag."""
+
+    PANEL: ClassVar[str] = "Options"
+
+    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None
+    skip_rows: Annotated[int, typer.Option(min=0, help="number of lines to leave out at the beginning of the file")] = 0
+    topics: Annotated[
+        str | None,
+        typer.Option(
+            help="quantities and their fields in a ROS bag or an MCAP file; such as "
+            "'theta=/joint_states.position[0] pressure1=/valves.data[0]:bar', in SI units unless a unit "
+            "follows. Each message of the first topic gives a row"
+        ),
+    ] = None
+
+    def read(self, reader: Callable[..., T], *source: object) -> T:
+        """Return what `reader`, such as `read_motion_log`, reads from a `source`."""
+        return reader(*source, columns=parse_columns(self.columns), skip_rows=self.skip_rows, topics=self.topics)
 
 
 def assigned(option: str, settings: Sequence[str], expected: str) -> dict[str, float]:

@@ -17,11 +17,11 @@ needs no correction.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from allocator.calculus import Array, Mask
+from allocator.identification.least_squares import polynomials
 
-_DEGREES = (4, 3, 2)  # of the polynomial along both axes
+_DEGREES = ((4, 4), (3, 3), (2, 2))  # of the polynomial along both axes
 _SAMPLES_PER_TERM = 8  # with fewer it follows a single sample
 _NEAR = 9  # neighbours, including the sample itself
 _AROUND = 3.0  # times the greatest error of a plane through the neighbours
@@ -42,9 +42,10 @@ def outlying(places: Array, values: Array, kinds: Array | None = None) -> Mask:
     found = np.zeros(values.size, bool)
     plane = (places - places.min(axis=0)) / np.maximum(np.ptp(places, axis=0), 1e-300)
     rows = np.zeros((values.size, 0)) if kinds is None else kinds
-    terms = _terms(plane, rows)
-    if terms is None:
+    smooth = polynomials(places, _DEGREES, values.size / _SAMPLES_PER_TERM)
+    if smooth is None:
         return found
+    terms = np.concatenate([smooth, rows], axis=1)
     low, high = np.quantile(values, (0.02, 0.98))
     at = np.concatenate([plane, _KIND * rows / np.maximum(np.ptp(rows, axis=0), 1e-300)], axis=1)
     for _ in range(_PASSES):
@@ -61,15 +62,6 @@ def some(shown: Sequence[str]) -> str:
     """Return the first of these words, and the number of the others."""
     more = f" and {len(shown) - _SHOWN} more" if len(shown) > _SHOWN else ""
     return ", ".join(shown[:_SHOWN]) + more
-
-
-def _terms(plane: Array, kinds: Array) -> Array | None:
-    """Return the polynomials (n, terms) of the plane, and a slope along each kind; None if the samples are too few."""
-    for degree in _DEGREES:
-        smooth = np.asarray(chebyshev.chebvander2d(2 * plane[:, 0] - 1, 2 * plane[:, 1] - 1, (degree, degree)))
-        if len(plane) >= _SAMPLES_PER_TERM * smooth.shape[1]:
-            return np.concatenate([smooth, kinds], axis=1)
-    return None
 
 
 def _apart(at: Array, values: Array, terms: Array, kept: Mask) -> Array:

@@ -111,13 +111,12 @@ def is_raw(measured: Measured) -> bool:
 
 def without_spikes(measured: Measured) -> Measured:
     """Return the log without the rows in which a reading is a spike."""
-    found = _spikes(measured)
+    columns = {q: a for q, a in measured.values.items() if _kind(q) in (*_PRESSURES, *_LEAST)}
+    found = spikes_of(measured.values["time"], columns)
     if not found:
         return measured
-    drop = np.zeros(measured.values["time"].size, bool)
-    for rows in found.values():
-        drop[rows] = True
-    return measured.where(~drop, f"rows with spikes were left out: {describe_spikes(measured, found)}")
+    drop = np.any([*found.values()], axis=0)
+    return measured.where(~drop, f"rows with spikes were left out: {_described(measured, found)}")
 
 
 def refuse_turns(measured: Measured) -> None:
@@ -131,14 +130,14 @@ def refuse_turns(measured: Measured) -> None:
         raise measured.mistake("theta", sentence, int(turned[0]))
 
 
-def describe_spikes(measured: Measured, found: dict[str, list[int]]) -> str:
+def _described(measured: Measured, found: Mapping[str, Mask]) -> str:
     """Return the columns and lines of spikes in words, each with the reading of the first."""
     parts = []
     for quantity, rows in found.items():
-        column, value = measured.columns[quantity], measured.values[quantity][rows[0]]
+        column, value = measured.columns[quantity], measured.values[quantity][rows][0]
         shown = f"{(value + column.offset) / column.scale:.4g} {column.unit}"
-        first = "the first " * (len(rows) > 1)
-        parts.append(f"column {column.name!r} in {measured.lines(np.array(rows))} ({first}{shown})")
+        first = "the first " if rows.sum() > 1 else ""
+        parts.append(f"column {column.name!r} in {measured.lines(rows)} ({first}{shown})")
     return ", ".join(parts)
 
 
@@ -183,19 +182,14 @@ def long_stretches(measured: Measured, least: float) -> Measured:
     return measured.where(keep, note) if left else measured._replace(notes=(*measured.notes, note))
 
 
-def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, list[int]]:
-    """Return the rows of spikes by column with any; those of pressures [Pa] include drop-outs."""
+def spikes_of(t: Array, columns: Mapping[str, Array]) -> dict[str, Mask]:
+    """Return the mask (n,) of spikes by column with any; those of pressures [Pa] include drop-outs."""
     kinds = {q: _kind(q) for q in columns}
     masks = {
         q: pressure_spikes(t, a) if kinds[q] in _PRESSURES else _jumps(t, a, _LEAST[kinds[q]])
         for q, a in columns.items()
     }
-    return {quantity: np.flatnonzero(mask).tolist() for quantity, mask in masks.items() if mask.any()}
-
-
-def _spikes(measured: Measured) -> dict[str, list[int]]:
-    columns = {q: a for q, a in measured.values.items() if _kind(q) in _PRESSURES or _kind(q) in _LEAST}
-    return spikes_of(measured.values["time"], columns)
+    return {quantity: mask for quantity, mask in masks.items() if mask.any()}
 
 
 def _kind(quantity: str) -> str:

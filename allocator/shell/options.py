@@ -23,7 +23,7 @@ _LIST = re.compile(r"<list\[(\w+)\]>")  # the type of an option that may be repe
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """Let `command` take the fields of a dataclass among its parameters as options of its own.
 
-    A parameter annotated with a dataclass is replaced by the fields of that dataclass.
+    A parameter annotated with a dataclass is replaced by the fields of that dataclass, in its place.
     """
     given = signature(command)
     groups: dict[str, Any] = {name: p.annotation for name, p in given.parameters.items() if is_dataclass(p.annotation)}
@@ -33,20 +33,27 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
         made = {name: kind(**{f.name: values.pop(f.name) for f in fields(kind)}) for name, kind in groups.items()}
         command(**values, **made)
 
-    own = [p.replace(kind=Parameter.KEYWORD_ONLY) for name, p in given.parameters.items() if name not in groups]
-    shared = [
+    options = [
+        option
+        for name, p in given.parameters.items()
+        for option in (_options(groups[name]) if name in groups else [p.replace(kind=Parameter.KEYWORD_ONLY)])
+    ]
+    flat.__signature__ = given.replace(parameters=options)  # type: ignore[attr-defined]
+    flat.__annotations__ = {p.name: p.annotation for p in options}
+    return flat
+
+
+def _options(kind: Any) -> list[Parameter]:
+    """Return the options that the fields of a dataclass declare."""
+    return [
         Parameter(
             f.name,
             Parameter.KEYWORD_ONLY,
             default=Parameter.empty if f.default is MISSING else f.default,
             annotation=_in_panel(kind, f),
         )
-        for kind in groups.values()
         for f in fields(kind)
     ]
-    flat.__signature__ = given.replace(parameters=own + shared)  # type: ignore[attr-defined]
-    flat.__annotations__ = {p.name: p.annotation for p in own + shared}
-    return flat
 
 
 def _in_panel(kind: Any, field: Any) -> Any:

@@ -6,7 +6,7 @@ A command never overwrites its inputs, and other files only with --force.
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -22,9 +22,10 @@ AsJSON = Annotated[
 ]
 
 
-def say(console: "Console", sentence: str) -> None:
-    """Print `sentence` as it is, however long."""
-    console.print(sentence, highlight=False, markup=False, soft_wrap=True)
+def say(console: "Console", *sentences: str) -> None:
+    """Print each sentence as it is, however long; an empty one is skipped."""
+    for sentence in filter(None, sentences):
+        console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
 
 def print_json(values: Mapping[str, object]) -> None:
@@ -68,6 +69,22 @@ def claim(
         if target.is_file() and not force and path.name not in own:
             raise InvalidInput(f"{path} exists; give another name, or --force to replace it")
         seen.add(target)
+
+
+def claim_result(
+    out: Path | None, plot: Path | None, *others: Path | None, inputs: Iterable[str | Path | None], force: bool
+) -> None:
+    """Check that a result can be written to --out, a TOML file, and drawn to --plot; see `claim`."""
+    check_ending("--plot", plot, IMAGES)
+    claim(out, plot, *others, inputs=inputs, force=force)
+    check_toml("--out", out)
+
+
+def write(path: Path | None, save: Callable[[Path], object], console: "Console") -> None:
+    """Write a file by `save` and say so; None is skipped."""
+    if path is not None:
+        save(path)
+        say(console, f"written: {path}")
 
 
 def check_toml(option: str, path: Path | None) -> None:

@@ -130,9 +130,8 @@ class MujocoPlant:
         `source` is the model that it was read from, with the parts that the arm leaves out.
         """
         own, lengths = model_of(arm)
-        model = own if source is None else source
         given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
-        return cls(model, arm.mechanism.muscles, **(lengths | given))
+        return cls(own if source is None else source, arm.mechanism.muscles, **(lengths | given))
 
     def __repr__(self) -> str:
         return f"MujocoPlant: {self.n} joints, {self.m} muscles, steps of {1e3 * self.model.opt.timestep:g} ms or less"
@@ -191,8 +190,7 @@ class MujocoPlant:
         if q is not None:
             self.data.qpos[self._places] = self._row("q", checks.angle("q", q), self.n, "rad")
         self.data.qvel[self._speeds] = self._row("omega", omega, self.n, "rad/s")
-        pressures = self.pressure_limits[0] if P is None else checks.pressure("P", P)
-        self._P = self._row("P", pressures, self.m, "Pa")
+        self._P = self._row("P", self.pressure_limits[0] if P is None else checks.pressure("P", P), self.m, "Pa")
         self.sensors.begin(seed)
         self.supply.begin(self._P)
         self._followed, (self._pulling, self._shut) = self._P, self.sensors.broken(-inf)
@@ -212,7 +210,8 @@ class MujocoPlant:
         self._pulling, self._shut = self.sensors.broken(began)
         for piece in self.supply.pieces(began, pressures, dt):
             self._followed = self.sensors.effective(self.supply.command, self._P, began)
-            self._integrate(piece)
+            for _ in range(steps := ceil(piece / self.model.opt.timestep * (1 - 1e-12))):
+                self._substep(piece / steps)
         self.data.time = end
         if not all(np.isfinite(state).all() for state in (self.data.qpos, self.data.qvel, self._P)):
             step = f"the model's timestep of {self.model.opt.timestep:g} s"
@@ -294,8 +293,9 @@ class MujocoPlant:
         compliances is inverted; the error is of second order in the push. The machine then returns to its former state.
         Raises `InvalidInput` like `settle`.
         """
-        push = checks.positive("push", push, "N·m")
-        return pushed_stiffness(self, push, self._row("load", load, self.n, "N·m"), shut)
+        return pushed_stiffness(
+            self, checks.positive("push", push, "N·m"), self._row("load", load, self.n, "N·m"), shut
+        )
 
     def own_stiffness(self) -> Array:
         """Return the muscles' own share of the present stiffness of all degrees of freedom (nv, nv) [N·m/rad]."""
@@ -325,10 +325,6 @@ class MujocoPlant:
         self._look()
 
     # --- integration ------------------------------------------------------------------------------------------------
-
-    def _integrate(self, duration: float) -> None:
-        for _ in range(steps := ceil(duration / self.model.opt.timestep * (1 - 1e-12))):
-            self._substep(duration / steps)
 
     def _substep(self, h: float, brake: Array | None = None, shut: bool = False) -> None:
         """Take a step of the classical Runge–Kutta method; MuJoCo integrates the angles of balls and free bodies.

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
 
 import typer
 
@@ -12,11 +12,11 @@ from allocator import checks
 from allocator.errors import AntagonistError, InvalidInput
 from allocator.lazy import Console
 from allocator.presentation.progress import waiting
-from allocator.shell.options import finite, grouped, within
+from allocator.shell.options import grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, PERCENT
-from mpc.arm.options import HandOptions, asked_of_arm, described, refuse_options_of_one_joint
-from mpc.bench.options import BenchOptions
+from mpc.arm.options import Described, HandOptions, asked_of_arm, described, refuse_options_of_one_joint
+from mpc.bench.options import BenchOptions, Opened
 from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
 
@@ -27,12 +27,18 @@ if TYPE_CHECKING:
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
     from mpc.bench.record import Lateness
+    from mpc.bench.repeating import Repeated
     from mpc.bench.safety import Ending
+    from mpc.observer.base import Observer
+    from mpc.repetition.learner import Learner
+    from mpc.trials.motions.corrections import Correction, Owner
     from mpc.trials.motions.reference import Reference
+    from mpc.trials.simulation import Controller
 
 _EXITS = {"finished": 0, "interrupted": 130, "terminated": 143}
 _OBSERVING = ("mpc", "predictive-pid", "lqr")  # controllers
 _STOPPED = 4  # exit code of a loop that ended for safety
+_ONCE, _ONCE_AN_ARM = "after an installation: some 20 seconds", "for each new arm: some 40 seconds"
 _SUFFIXES = (*IMAGES, ".csv", ".npz", ".mcap")
 
 
@@ -81,66 +87,26 @@ def run_command(
     from rich.console import Console
 
     from mpc.bench.loop import RealTimeLoop
-    from mpc.bench.repeating import compared, finished, read, repeat
-    from mpc.repetition.learner import Course
-    from mpc.repetition.response import responses
-    from mpc.trials.files import check_recordable, reference_called
-    from mpc.trials.loops import Settings as LoopSettings
-    from mpc.trials.loops import loop, margins_in_words, robust
-    from mpc.trials.metrics import out_of_reach
-    from mpc.trials.motions.corrections import Owner
-    from mpc.trials.pictures.report import reach_in_words
+    from mpc.bench.repeating import finished, once, read, repeat
+    from mpc.trials.files import check_recordable
 
     console = Console()
-    finite("--settle", settle, "s")
-    files = out or []
-    for path in files:
-        check_ending("--out", path, _SUFFIXES)
-    journal = _journal(files)
-    learned = repeated.written(trajectory)
-    inputs = (trajectory, repeated.learned, *options.files)
-    claim(*files, None if journal in files else journal, *learned, inputs=inputs, force=force)
-    if several := options.of_several:
-        _refuse_for_several(at, controller, repeated)
-    elif more != HandOptions():
-        raise InvalidInput("--stiffness-of and --hand go with a --machine of several joints")
-    given = described(options, more) if several else None
-    hand = None if given is None else given.hand
-    opened = bench.opened(options, None if given is None else given.arm)
-    settings = bench.settings(options, settle, opened.plant.m)
-    plant, known = opened.plant, opened.known
-    check_recordable(files, plant)
-    if several:
-        reference, begun = asked_of_arm(trajectory, plant, hand), None
-    else:
-        reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
-        owner = Owner.of(plant, known, controller, repeated.load or "")
-        begun = repeated.begun(reference, owner, at.dt)
-    say(console, f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary))
-    for note in [] if given is None else given.notes:
-        say(console, note)
-    if not several and (assumed := opened.assumed(options)):
-        say(console, f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}")
-    say(console, f"trajectory: {reference.summary(plant.stiffness_unit)}")
-    even = reference.resampled(at.dt)
-    if beyond := out_of_reach(plant, even.theta, even.K, at.dt):
-        say(console, reach_in_words(beyond))
-    once = "for each new arm: some 40 seconds" if several else "after an installation: some 20 seconds"
-    with waiting(f"building the controller (compiled once {once})"):
-        told = LoopSettings(plant, at.dt, at.horizon, known)
-        told, tuned = options.tuned(told.calm if several else told, controller)
-        told = told if tuned or several else robust(controller, told, reference)
-        driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
-        sentences = margins_in_words(controller, told, reference, driver)
-        answers = partial(responses, controller, told, reference, options.spreads())
-        limits = plant.angle_limits
-        learner = repeated.learner(reference, answers, at.dt, begun, limits, controller) if learned else None
+    files, learned = _Files.of(out or []), repeated.written(trajectory)
+    claim(*files.out, files.beside, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force)
+    arm = _arm(options, at, more, controller, repeated)
+    opened = bench.opened(options, None if arm is None else arm.arm)
+    settings, plant = bench.settings(options, settle, opened.plant.m), opened.plant
+    check_recordable(files.out, plant)
+    reference, owner, begun = _asked(trajectory, at, repeated, opened, controller, arm)
+    say(console, *_introduction(opened, options, arm, reference, at.dt))
+    with waiting(f"building the controller (compiled once {_ONCE if arm is None else _ONCE_AN_ARM})"):
+        driver, observer, learner, sentences = _built(controller, opened, options, at, repeated, reference, begun)
+    say(console, *sentences)
 
-    def drive(asked: "Reference") -> "Record":
+    def drive(path: "Reference") -> "Record":
         dashboard = bench.dashboard(plant)
         driven = RealTimeLoop(
-            opened.device, driver, observer, asked, plant=plant, start=settings.start, stop=settings.stop,
-            watchdog=settings.watchdog, overrun=settings.overrun, zero=settings.zero, log=journal,
+            opened.device, driver, observer, path, plant=plant, **settings._asdict(), log=files.log,
             replace=force or learner is not None, clock=opened.clock, watch=dashboard,
         )  # fmt: skip
         if dashboard is not None:
@@ -148,23 +114,128 @@ def run_command(
         _run(driven.cycle, dashboard, console)
         return driven.record
 
-    for sentence in (*filter(None, [tuned]), *sentences):
-        say(console, sentence)
-    if learner is None:
-        record = drive(reference if begun is None else begun.reference)
-        best = record if begun is None else compared(record, Course.of(reference, at.dt))
-    else:
-        done = repeat(drive, learner, age=known.reading_age, progress=progress(console))
-        record, best = done.last, done.best or done.last
-    with _exiting(record.ending):
-        _report(best if finished(record) else record, console)
-        if learner is not None and done.first is not None and done.best is not None:
-            first, after = (read(one, learner.course, known.reading_age) for one in (done.first, done.best))
-            report(learner, owner, first, after, learned, console)
-        if best.controlled:
-            _write(best, files, journal, hand)
-        if record.controlled and files:
-            say(console, f"written: {', '.join(map(str, files))}")
+    age = opened.known.reading_age
+    done = repeat(drive, learner, age=age, progress=progress(console)) if learner else once(drive, reference, begun)
+    with _exiting(done.last.ending):
+        _report(done.best if finished(done.last) else done.last, console)
+        if learner is not None and owner is not None and done.first is not None:
+            first, best = (read(one, learner.course, age) for one in (done.first, done.best))
+            report(learner, owner, first, best, learned, console)
+        say(console, files.write(done, None if arm is None else arm.hand))
+
+
+class _Files(NamedTuple):
+    """Files of --out; without a .csv among them also a log beside the first, since samples are written one by one."""
+
+    out: list[Path]
+    beside: Path | None = None
+
+    @classmethod
+    def of(cls, out: list[Path]) -> Self:
+        """Return the files of a run. Raises `InvalidInput` for an unknown ending."""
+        for path in out:
+            check_ending("--out", path, _SUFFIXES)
+        return cls(out, out[0].with_suffix(".partial.csv") if out and not any(map(_is_log, out)) else None)
+
+    @property
+    def log(self) -> Path | None:
+        """The file that is written sample by sample."""
+        return self.beside or next(filter(_is_log, self.out), None)
+
+    def write(self, done: "Repeated", hand: "Endpoint | None") -> str:
+        """Write the other files, remove a log that --out does not name, and return a sentence about the files."""
+        from mpc.bench.cycle import Phase
+        from mpc.trials.files import is_recording
+        from mpc.trials.pictures.report import write_run
+
+        record = done.best
+        if not record.controlled:
+            return ""
+        settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
+        for path in self.out:
+            if is_recording(path):
+                record.save(path)
+            elif not _is_log(path):
+                write_run(record.run(), path, None, f"as measured, with {settling:.3g} s of settling", hand)
+        if self.beside is not None:
+            self.beside.unlink()
+        return f"written: {', '.join(map(str, self.out))}" if self.out and done.last.controlled else ""
+
+
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() == ".csv"
+
+
+def _arm(
+    options: PlantOptions, at: LoopOptions, more: HandOptions, controller: str, repeated: RepeatOptions
+) -> Described | None:
+    """Return the arm of the options, None for one joint. Raises `InvalidInput` for options of the other kind."""
+    if not options.of_several:
+        if more != HandOptions():
+            raise InvalidInput("--stiffness-of and --hand go with a --machine of several joints")
+        return None
+    refuse_options_of_one_joint(stiffness=at.stiffness, controller=None if controller == "mpc" else controller)
+    if repeated.asked:
+        raise InvalidInput(
+            "--repeat and --from take one joint on a device; `antagonist track` repeats a motion of an arm"
+        )
+    return described(options, more)
+
+
+def _asked(
+    trajectory: str | None, at: LoopOptions, repeated: RepeatOptions, opened: Opened, controller: str,
+    arm: Described | None,
+) -> "tuple[Reference, Owner | None, Correction | None]":  # fmt: skip
+    """Return the desired motion; for one joint also the owner of a correction, and the correction to play if any."""
+    from mpc.trials.files import reference_called
+    from mpc.trials.motions.corrections import Owner
+
+    plant = opened.plant
+    if arm is not None:
+        return asked_of_arm(trajectory, plant, arm.hand), None, None
+    reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
+    owner = Owner.of(plant, opened.known, controller, repeated.load or "")
+    return reference, owner, repeated.begun(reference, owner, at.dt)
+
+
+def _introduction(
+    opened: Opened, options: PlantOptions, arm: Described | None, reference: "Reference", dt: float
+) -> Iterator[str]:
+    """Yield sentences on the machine, its assumed effects, and a reference every `dt` [s]."""
+    from mpc.trials.metrics import out_of_reach
+    from mpc.trials.pictures.report import reach_in_words
+
+    plant, known = opened.plant, opened.known
+    yield f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary)
+    if arm is not None:
+        yield from arm.notes
+    elif assumed := opened.assumed(options):
+        yield f"not in --machine, simulated as on a usual bench and told to the controller: {assumed}"
+    yield f"trajectory: {reference.summary(plant.stiffness_unit)}"
+    even = reference.resampled(dt)
+    if beyond := out_of_reach(plant, even.theta, even.K, dt):
+        yield reach_in_words(beyond)
+
+
+def _built(
+    controller: str, opened: Opened, options: PlantOptions, at: LoopOptions, repeated: RepeatOptions,
+    reference: "Reference", begun: "Correction | None",
+) -> "tuple[Controller, Observer, Learner | None, list[str]]":  # fmt: skip
+    """Return controller and observer, the learner of --repeat, and sentences on tuning and margins."""
+    from mpc.model.plant import Plant
+    from mpc.repetition.response import responses
+    from mpc.trials.loops import Settings, loop, margins_in_words, robust
+
+    plant, one = opened.plant, isinstance(opened.plant, Plant)
+    told = Settings(plant, at.dt, at.horizon, opened.known)
+    told, tuned = options.tuned(told if one else told.calm, controller)
+    told = robust(controller, told, reference) if one and not tuned else told
+    driver, observer = loop(controller, told, True if controller in _OBSERVING else None)
+    sentences, learner = [tuned, *margins_in_words(controller, told, reference, driver)], None
+    if repeated.repeat is not None:
+        answers = partial(responses, controller, told, reference, options.spreads())
+        learner = repeated.learner(reference, answers, at.dt, begun, plant.angle_limits, controller)
+    return driver, observer, learner, sentences
 
 
 @grouped
@@ -262,15 +333,6 @@ def _run(cycle: "Cycle", dashboard: "Dashboard | None", console: "Console") -> "
         return ending
 
 
-def _refuse_for_several(at: LoopOptions, controller: str, repeated: RepeatOptions) -> None:
-    """Refuse the options of a run that only one joint has. Raises `InvalidInput`."""
-    refuse_options_of_one_joint(stiffness=at.stiffness, controller=None if controller == "mpc" else controller)
-    if repeated.asked:
-        raise InvalidInput(
-            "--repeat and --from take one joint on a device; `antagonist track` repeats a motion of an arm"
-        )
-
-
 @contextmanager
 def _exiting(ending: "Ending") -> Iterator[None]:
     """Exit with the code of an ending after a report, also where standard output is gone with its terminal."""
@@ -283,33 +345,6 @@ def _exiting(ending: "Ending") -> Iterator[None]:
     raise typer.Exit(code)
 
 
-def _journal(files: list[Path]) -> Path | None:
-    """Return the file that is written sample by sample: a requested .csv, or one next to the first other file."""
-    if not files:
-        return None
-    return next(filter(_is_log, files), files[0].with_suffix(".partial.csv"))
-
-
-def _is_log(path: Path) -> bool:
-    return path.suffix.lower() == ".csv"
-
-
-def _write(record: "Record", files: list[Path], journal: Path | None, hand: "Endpoint | None") -> None:
-    """Write the other files, and remove a journal that --out does not name."""
-    from mpc.bench.cycle import Phase
-    from mpc.trials.files import is_recording
-    from mpc.trials.pictures.report import write_run
-
-    settling = record.dt * len(record.where("t", phases=(Phase.SETTLE,))[0])
-    for path in files:
-        if is_recording(path):
-            record.save(path)
-        elif not _is_log(path):
-            write_run(record.run(), path, None, f"as measured, with {settling:.3g} s of settling", hand)
-    if journal is not None and journal not in files:
-        journal.unlink()
-
-
 def _report(record: "Record", console: "Console") -> None:
     """Print the ending, the errors, and whether the strengths need a check."""
     from mpc.bench.measuring.due import check_due
@@ -320,16 +355,13 @@ def _report(record: "Record", console: "Console") -> None:
     if not (record.tracked and record.controlled):
         return
     console.print(table_of_errors(record.run(), record.errors, "tracking, as measured, without settling"))
-    if isinstance(record.plant, Plant) and (due := check_due(record.run())):
-        say(console, due)
+    say(console, check_due(record.run()) if isinstance(record.plant, Plant) else "")
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
     """Print the ending of a loop, the final pressures, and the lateness of its samples."""
-    say(console, f"ended: {ending}")
-    if ending.treatment:
-        say(console, f"pressures: {ending.treatment}" + ("" if ending.delivered else ", which the device did not take"))
-    say(console, str(lateness))
+    taken = "" if ending.delivered else ", which the device did not take"
+    say(console, f"ended: {ending}", ending.treatment and f"pressures: {ending.treatment}{taken}", str(lateness))
 
 
 def exit_code(ending: "Ending") -> int:

@@ -10,10 +10,9 @@ import numpy as np
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.identification.columns import parse_columns
-from allocator.identification.options import SkipRows, Topics, columns_option
+from allocator.identification.options import LogOptions
 from allocator.shell.options import finite, grouped, row, within
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
+from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say, write
 from allocator.units import BAR, DEG, PERCENT
 from mpc.bench.cli import exit_code, hanger, say_ending
 from mpc.bench.options import BenchOptions
@@ -66,9 +65,8 @@ def measure_command(
     ] = False,
     out: Annotated[Path | None, typer.Option(help="picture of K_felt against the amplitude (.png, .pdf, .svg)")] = None,
     dt: Annotated[float, typer.Option(help="sample time [s]")] = 0.01,
-    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
-    skip_rows: SkipRows = 0,
-    topics: Topics = None,
+    *,
+    source: LogOptions,
     force: Force = False,
     as_json: AsJSON = False,
 ) -> None:
@@ -95,9 +93,9 @@ def measure_command(
         _check_update(options)
     if log is not None and (bench.device or around or weight or shake):
         raise InvalidInput("a log takes none of --device, --around, --weight and --shake")
-    if log is None and (columns or skip_rows or topics):
+    if log is None and source != LogOptions():
         raise InvalidInput("--columns, --skip-rows and --topics describe a log: name its file")
-    samples = None if log is None else _read(log, options, parse_columns(columns), skip_rows, topics, console)
+    samples = None if log is None else _read(log, source, options.encoder_zero, console)
     scaled = bench.device.partition(":")[0] == "sim" or (weight and inertia_error >= _HARDLY_KNOWN)
     if (samples is not None or bench.device) and not scaled:
         _check_inertia(options, "" if log else ", or with --inertia-error 50 a --weight [N·m]")
@@ -109,8 +107,8 @@ def measure_command(
     good = [m for m in found if m.success]
     if as_json:
         print_json({"measurements": [m.to_dict() for m in found]})
-    if out is not None and good:
-        _draw(good, options, bench if log is None else None, out, console)
+    if good:
+        write(out, partial(_draw, good, options, bench if log is None else None), console)
     if update:
         _updated(good if not code else [], options, inertia_error, console)
     if code or len(good) < len(found) or not found:
@@ -175,14 +173,11 @@ def _on_device(
     return found, 0
 
 
-def _read(
-    log: Path, options: PlantOptions, columns: dict[str, str], skip_rows: int, topics: str | None, console: "Console"
-) -> "Samples":
+def _read(log: Path, source: LogOptions, zero: float, console: "Console") -> "Samples":
     from mpc.bench.measuring.log import read_log_of_motion
 
-    samples = read_log_of_motion(log, columns, skip_rows=skip_rows, topics=topics, zero=options.encoder_zero)
-    for note in samples.notes:
-        say(console, note)
+    samples = source.read(partial(read_log_of_motion, zero=zero), log)
+    say(console, *samples.notes)
     return samples
 
 
@@ -262,9 +257,7 @@ def _table(m: "MeasuredStiffness") -> "Table":
     return table
 
 
-def _draw(
-    good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions | None, out: Path, console: "Console"
-) -> None:
+def _draw(good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOptions | None, out: Path) -> None:
     from allocator.presentation.plotting import save_figure
     from mpc.bench.measuring.result import plot_measured
 
@@ -273,7 +266,6 @@ def _draw(
     else:
         _, _, plant, known = bench.opened(options)
     save_figure(plot_measured(good, plant.joint, known.friction.loop), out)
-    say(console, f"written: {out}")
 
 
 def _updated(good: "list[MeasuredStiffness]", options: PlantOptions, inertia_error: float, console: "Console") -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 import typer
 
 from allocator.errors import InvalidInput
-from allocator.shell.options import numbers, within
+from allocator.shell.options import finite, numbers, within
 from allocator.units import BAR
 from mpc.plant_cli import PlantOptions
 
@@ -90,6 +90,7 @@ class BenchOptions:
         from mpc.bench.cycle import Overrun, Settings
         from mpc.bench.safety import Action, SafeStop, SoftStart
 
+        finite("--settle", settle, "s")
         within("--start-rate", self.start_rate, "bar/s", 1e-3, 100)
         within("--stop-rate", self.stop_rate, "bar/s", 1e-3, 100)
         _chosen("--stop", self.stop, list(Action))

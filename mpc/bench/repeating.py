@@ -16,15 +16,25 @@ from mpc.bench.logs import Record
 from mpc.bench.rows import Sheet
 from mpc.bench.safety import Reason
 from mpc.repetition.learner import Course, Learner, Repetition
+from mpc.trials.motions.corrections import Correction
 from mpc.trials.motions.reference import Reference
 
 
 class Repeated(NamedTuple):
-    """Records of the first, the best and the last repetition; a loop that ended early is the last one."""
+    """Records of the first, the best and the last repetition; a loop that ended early is the last one.
+
+    Without a recorded repetition the best one is the last.
+    """
 
     first: Record | None
-    best: Record | None
+    best: Record
     last: Record
+
+
+def once(drive: Callable[[Reference], Record], reference: Reference, begun: Correction | None) -> Repeated:
+    """Drive once along a reference, or along the correction `begun`, whose record has the desired angles."""
+    record = drive(reference if begun is None else begun.reference)
+    return Repeated(None, record if begun is None else compared(record, Course.of(reference, record.dt)), record)
 
 
 def repeat(
@@ -49,7 +59,7 @@ def repeat(
         first = wanted if first is None else first
         best = wanted if best is None or found is learner.best else best
         progress(found)
-    return Repeated(first, best, last)
+    return Repeated(first, best or last, last)
 
 
 def finished(record: Record) -> bool:

@@ -228,17 +228,17 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
 
     console = Console()
     if built is not None:
-        known = built.controller.compensation
-        say(console, f"plant: {built.controller.plant.summary}")
-        if built.tuned:
-            say(console, built.tuned)
-        if known.summary:
-            say(console, f"known to the controller: {known.summary}")
-        if untold := known.untold(built.controller.plant):
+        known, plant = built.controller.compensation, built.controller.plant
+        say(
+            console,
+            f"plant: {plant.summary}",
+            built.tuned,
+            known.summary and f"known to the controller: {known.summary}",
+        )
+        if untold := known.untold(plant):
             say(console, f"not known to the controller, since its C has no such numbers: {untold}")
         if built.zero:
             say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
-        for sentence in _margins(built).sentences:
-            say(console, sentence)
+        say(console, *_margins(built).sentences)
     count = sum(path.is_file() for path in made.rglob("*"))
     say(console, f"written: {count} file{'s' * (count != 1)} in {made}; {read}")

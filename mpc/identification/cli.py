@@ -9,20 +9,22 @@ from rich.table import Table
 
 from allocator.errors import InvalidInput
 from allocator.files import toml
-from allocator.identification.columns import parse_columns
 from allocator.identification.motion.fit import STEPS, fit_motion
+from allocator.identification.motion.plotting import plot_motion_fit
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.identification.motion.samples import read_motion_log
-from allocator.identification.options import SkipRows, Topics, clock, columns_option
+from allocator.identification.options import LogOptions, clock
 from allocator.machine_file import encoder_zero_in, joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
+from allocator.shell.options import grouped
+from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
 from allocator.units import DEG
 
 if TYPE_CHECKING:
     from mpc.identification.plant import IdentifiedPlant
 
 
+@grouped
 def fit_motion_command(
     log: Annotated[
         list[Path],
@@ -33,9 +35,8 @@ def fit_motion_command(
     machine: Annotated[
         Path | None, typer.Option(help="TOML file of the same joint, from fit-joint; needed for --out")
     ] = None,
-    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
-    skip_rows: SkipRows = 0,
-    topics: Topics = None,
+    *,
+    source: LogOptions,
     out: Annotated[Path | None, typer.Option(help="TOML file to write the plant to, for --machine")] = None,
     gas: Annotated[
         bool | None,
@@ -60,15 +61,12 @@ def fit_motion_command(
     In the tables, taut rows have no pressure below 1.5 bar. The gain is the slope of the static angle over that of
     --machine (1: they agree). Inertia and damping are divided by the joint's stiffness, but not in the file of --out.
     """
-    check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=(*log, machine), force=force)
-    check_toml("--out", out)
+    claim_result(out, plot, inputs=(*log, machine), force=force)
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give its joint with --machine, a file of fit-joint")
     console = Console(stderr=as_json)
-    data = read_motion_log(log, parse_columns(columns), skip_rows=skip_rows, topics=topics)
-    for note in data.notes:
-        say(console, note)
+    data = source.read(read_motion_log, log)
+    say(console, *data.notes)
     content = None if machine is None else toml.Table.read(machine)
     _refuse_gravity(content)
     given = None if content is None else joint_from(content, scale_needed=False)
@@ -91,14 +89,9 @@ def fit_motion_command(
         print_json(_values(fit, plant))
     else:
         _describe(fit, plant, console)
-    if out is not None and plant is not None:
-        plant.save(out)
-        say(console, f"written: {out}")
-    if plot is not None:
-        from allocator.identification.motion.plotting import plot_motion_fit
-
-        save_figure(plot_motion_fit(fit), plot, dpi=120)
-        say(console, f"written: {plot}")
+    if plant is not None:
+        write(out, plant.save, console)
+    write(plot, lambda path: save_figure(plot_motion_fit(fit), path, dpi=120), console)
 
 
 def _refuse_gravity(content: toml.Table | None) -> None:
@@ -156,10 +149,8 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
             say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
     else:
         say(console, "no joint was given: the static angle is a polynomial of the pressures, and there is no plant")
-    for warning in fit.warnings:
-        say(console, f"beware: {warning}")
-    for sentence in fit.unseen:
-        say(console, f"not seen by this log: {sentence}")
+    say(console, *(f"beware: {warning}" for warning in fit.warnings))
+    say(console, *(f"not seen by this log: {sentence}" for sentence in fit.unseen))
 
 
 def _describe_drift(fit: MotionFit, console: Console) -> None:

@@ -106,9 +106,8 @@ class KalmanObserver:
         self._frictions = tuple(map(FrictionState, self.filter.frictions))
         self._commands: deque[Array] = deque(maxlen=self.compensation.delay(self.dt) + self.age + 1)
         self._held: deque[Array] = deque(maxlen=self.age + 1)  # readings of pressures that wait for an angle
-        for gate in self._gates:
+        for gate, floor in zip(self._gates, self.gate.floor, strict=True):
             gate.reset()
-        for gate, floor in zip(self._gates[self._angles], self.gate.floor, strict=False):
             gate.floor = floor
         self.diagnosis.reset()
 
@@ -158,18 +157,16 @@ class KalmanObserver:
         `u` (m,) [Pa] is the last command sent. Raises `InvalidInput` for wrong shapes and types. Warns (`BadNumbers`)
         if the first pressures above 0 look like bar.
         """
-        compiled = self.compiled
         try:
             y, u = np.asarray(y, float), np.asarray(u, float)
         except (TypeError, ValueError):  # tried first, as the check takes a microsecond
             y, u = checks.floats("y", y, "rad, rad/s, Pa"), checks.floats("u", u, "Pa")
         if not self._units_shown and y.shape == (self.plant.size,):
             self._units_shown = units_shown("y", y[2 * self.plant.n :], stacklevel=2)
-        if compiled is not None:
-            found = compiled.answer(y, u)
-            if found is not None:
+        if self.compiled is not None:
+            if (found := self.compiled.answer(y, u)) is not None:
                 return found
-            compiled.give()
+            self.compiled.give()
         if y.shape != (self.plant.size,) or u.shape != (self.plant.m,):
             raise InvalidInput(
                 f"y and u have the shapes {y.shape} and {u.shape}, not ({self.plant.size},) and ({self.plant.m},)"
@@ -389,14 +386,12 @@ class KalmanObserver:
         return self.filter.unsure_at(Belief(self.filter.within(xi), previous.covariance), read, believed)
 
     def _answer(self, said: Array, there: Mask) -> tuple[Array, Value]:
-        size, joint = self.plant.size, self.plant.angle_shape == ()
+        x, d = np.full(self.plant.size, np.nan), np.zeros(self.plant.n)
         if self._belief is None:
-            x = np.full(size, np.nan)
             x[self._measured[there]] = said[there]
-            return x, 0.0 if joint else np.zeros(self.plant.n)
-        under_way, memories = [*self._commands][1 : 1 + self.age], [friction.memory for friction in self._frictions]
-        now = self.filter.ahead(self._belief, under_way, memories)
-        xi = now.xi if now.sound else self._belief.xi
-        x, d = xi[:size].copy(), xi[size:].copy()
-        x[self._measured[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
-        return x, float(d[0]) if joint else d
+        else:
+            under_way, memories = [*self._commands][1 : 1 + self.age], [friction.memory for friction in self._frictions]
+            now = self.filter.ahead(self._belief, under_way, memories)
+            x, d = np.split((now if now.sound else self._belief).xi.copy(), [self.plant.size])
+            x[self._measured[self._silent > self.tolerance * (1 + 1e-9)]] = np.nan
+        return x, float(d[0]) if self.plant.angle_shape == () else d

@@ -34,38 +34,42 @@ def problem_from(
     n, m = mechanism.n, mechanism.m
     limits = checked_limits(limits)
     kind, endpoint, force = _meant(mechanism, stiffness)
-    previous, max_step = limits.previous, limits.max_step
     asked_of = _AskedOf.of(mechanism, endpoint)
     exerted = np.zeros(0) if endpoint is None else endpoint.force(force)
     posture, torque = mechanism.posture(theta, "theta"), _torque(mechanism, T)
-    now = None if previous is None else mechanism.pressures("previous", previous)
-    step = None if max_step is None else checks.positive_pressure("max_step", max_step)
-    if step is not None and now is None:
-        raise InvalidInput("max_step limits the change of the pressures from previous; give previous as well")
+    now, step = _slew(mechanism, limits)
     weight, toward = _pull(mechanism, priority, pull)
     others = [x.shape[:-1] for x in (posture, torque, now, exerted, toward) if x is not None]
     K, own_only = _stiffness(asked_of, K, _common(others, n, m))
     shape = _common([*others, K.shape[:-2], () if step is None else step.shape], n, m)
     chosen = checked_priority(priority)
     asked, hand = _flat(posture, shape, 1), None
-    torque = np.broadcast_to(torque, (*shape, n)).reshape(-1, n)
+    torque = _rows(torque, shape)
     if endpoint is not None:
         exerted, K = _flat(exerted, shape, 1), _flat(K, shape, 2)
         hand = EndpointTargets.at(endpoint, mechanism.within(asked), exerted, K)
         torque, K = torque + hand.torque, np.eye(endpoint.dim)
-    triangle = K[(..., *np.triu_indices(asked_of.size))]
-    triangle = np.broadcast_to(triangle, (*shape, triangle.shape[-1])).reshape(-1, triangle.shape[-1])
-    y, slew = np.concatenate([torque, triangle], axis=1), None
+    y, slew = np.concatenate([torque, _rows(K[(..., *np.triu_indices(asked_of.size))], shape)], axis=1), None
     if now is not None:
-        now = np.broadcast_to(now, (*shape, m)).reshape(-1, m)
+        now = _rows(now, shape)
         slew = tuple(now.T) if step is not None else None
         step = None if step is None else np.broadcast_to(step, shape).ravel()
     each = tuple(Limits(*pair, None, slew, step) for pair in mechanism.force_limits(limits))
     reference = np.zeros((1, m)) if now is None else now
     reference = reference if toward is None else _flat(toward, shape, 1)
-    row_weights = _weights(n, asked_of, chosen, weights, own_only)
-    given = mechanism, asked, y, row_weights, chosen, each, reference, kind, hand
+    given = mechanism, asked, y, _weights(n, asked_of, chosen, weights, own_only), chosen, each, reference, kind, hand
     return BoxProblem(*given, kind.added(n), weight), shape
+
+
+def _slew(mechanism: Mechanism, limits: Limits) -> tuple[Array | None, Array | None]:
+    """Return the present pressures (…, m) and the greatest step (…) from them [Pa]; None where not given."""
+    now = None if limits.previous is None else mechanism.pressures("previous", limits.previous)
+    if limits.max_step is None:
+        return now, None
+    step = checks.positive_pressure("max_step", limits.max_step)
+    if now is None:
+        raise InvalidInput("max_step limits the change of the pressures from previous; give previous as well")
+    return now, step
 
 
 def _meant(mechanism: Mechanism, stiffness: object) -> tuple[StiffnessKind, Endpoint | None, object]:
@@ -104,6 +108,11 @@ class _AskedOf(NamedTuple):
             raise InvalidInput(f"the endpoint has n = {endpoint.n} joints, the mechanism n = {mechanism.n}")
         mechanism.check_affine("the stiffness of an endpoint")
         return cls(endpoint.dim, "N/m", endpoint.text)
+
+
+def _rows(array: Array, shape: tuple[int, ...]) -> Array:
+    """Return rows (N, k) of an array (…, k) in the common shape."""
+    return np.broadcast_to(array, (*shape, array.shape[-1])).reshape(-1, array.shape[-1])
 
 
 def _flat(array: Array, shape: tuple[int, ...], axes: int) -> Array:

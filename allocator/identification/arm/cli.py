@@ -1,5 +1,6 @@
 """Command `antagonist fit-arm`: which muscles pull which joint, and how well the motion is predicted."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,21 +10,26 @@ from rich.table import Table
 
 from allocator.identification.arm.episodes import Windows, read_arm_log
 from allocator.identification.arm.fit import ArmFit, fit_arm
-from allocator.identification.columns import parse_columns
 from allocator.identification.least_squares import rms
-from allocator.identification.options import SkipRows, Topics, clock, columns_option
-from allocator.shell.options import within
+from allocator.identification.options import LogOptions, clock, columns_option
+from allocator.shell.options import grouped, within
 from allocator.shell.outputs import AsJSON, print_json, say
 from allocator.units import DEG
 
 
+@dataclass(frozen=True)
+class ArmLogOptions(LogOptions):
+    """Options of an arm's log."""
+
+    columns: Annotated[str | None, columns_option("theta1=elbow:deg,pressure1=biceps:bar")] = None
+
+
+@grouped
 def fit_arm_command(
     log: Annotated[
         list[Path], typer.Argument(help="CSV files or bags; with time [s], q1 [deg] …, p1 [bar], p2 …, see above")
     ],
-    columns: Annotated[str | None, columns_option("theta1=elbow:deg,pressure1=biceps:bar")] = None,
-    skip_rows: SkipRows = 0,
-    topics: Topics = None,
+    source: ArmLogOptions,
     terms: Annotated[
         bool,
         typer.Option(help="choose further terms of each joint's law by left-out episodes; takes minutes per joint"),
@@ -42,9 +48,8 @@ def fit_arm_command(
     """
     within("--horizon", horizon, "rows", 2, 10_000)
     console = Console(stderr=as_json)
-    data = read_arm_log(log, parse_columns(columns), skip_rows=skip_rows, topics=topics)
-    for note in data.notes:
-        say(console, note)
+    data = source.read(read_arm_log, log)
+    say(console, *data.notes)
     chosen = None if terms else dict.fromkeys(range(data.episodes[0].q.shape[1]), ())
     with clock(console) as bar:
         task = bar.add_task("fitting", total=None)
@@ -67,15 +72,7 @@ def fit_arm_command(
         say(console, f"beware: the log hardly shows what {', '.join(doubtful)} pull: move these joints more")
 
 
-_HEAD = (
-    "joint",
-    "raised by (t)",
-    "lowered by (t)",
-    "RMS [°]",
-    "if at rest [°]",
-    "95 % band at the end [°]",
-    "terms",
-)
+_HEAD = "joint", "raised by (t)", "lowered by (t)", "RMS [°]", "if at rest [°]", "95 % band at the end [°]", "terms"
 
 
 def _joints(fit: ArmFit, windows: Windows) -> list[dict[str, object]]:

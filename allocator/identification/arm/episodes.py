@@ -17,7 +17,6 @@ A gap of more than five rows ends an episode; times are evened within one.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -170,7 +169,7 @@ def read_arm_log(
 
     Raises `InvalidFile`, with line and column if applicable.
     """
-    paths = short([path] if isinstance(path, str | PathLike) else list(path))
+    paths = short(path)
     logs = {name: _read(one, dict(columns or {}), skip_rows, topics) for name, one in paths.items()}
     notes = tuple(f"{name}: {note}" if len(logs) > 1 else note for name, log in logs.items() for note in log.notes)
     return ArmLog(tuple(episode for log in logs.values() for episode in log.episodes), notes)

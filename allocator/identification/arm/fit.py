@@ -134,22 +134,18 @@ def folds(windows: Windows, count: int) -> list[NDArray[np.bool_]]:
     """Return the windows (w,) left out of each of `count` fits: whole episodes in turn, or pieces if they are few."""
     names = list(dict.fromkeys(windows.episode.tolist()))
     if len(names) < 2 * count:
-        pieces = np.arange(len(windows.q)) * _PIECES * count // len(windows.q)
-        return [pieces % count == i for i in range(count)]
-    turn = {name: i % count for i, name in enumerate(names)}
-    which = np.array([turn[name] for name in windows.episode.tolist()])
-    return [which == i for i in range(count)]
+        which = np.arange(len(windows.q)) * _PIECES * count // len(windows.q)
+    else:
+        which = np.array([names.index(name) for name in windows.episode.tolist()])
+    return [which % count == i for i in range(count)]
 
 
-def choose_terms(law: JointLaw, windows: Windows, tell: Callable[[str], object] = lambda _: None) -> JointLaw:
+def choose_terms(law: JointLaw, windows: Windows, tell: Callable[[str], object]) -> JointLaw:
     """Return the law with the terms that improve the prediction of left-out episodes, one by one, the best first."""
 
     def error(law: JointLaw) -> float:
-        errors = []
-        for out in folds(windows, _FOLDS):
-            seen, unseen = windows.only(~out), windows.only(out)
-            errors.append(joint_error(law, fit_law(law, seen), unseen))
-        return rms(errors)
+        parts = [(windows.only(~out), windows.only(out)) for out in folds(windows, _FOLDS)]
+        return rms([joint_error(law, fit_law(law, seen), unseen) for seen, unseen in parts])
 
     best, left = error(law), list(TERMS)
     while left:

@@ -1,7 +1,9 @@
 """Commands `antagonist fit-joint` (a joint from a log) and `antagonist plan-joint` (which pressures to measure)."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -9,26 +11,26 @@ from rich.console import Console
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.files.atomic import write_text
 from allocator.files.text import short
 from allocator.files.toml import Table
-from allocator.identification.columns import parse_columns
 from allocator.identification.joint.fit import fit_joint
+from allocator.identification.joint.planning.plan import LEVELS, JointPlan, plan_joint_experiment
+from allocator.identification.joint.plotting import plot_joint_fit
 from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
-from allocator.identification.options import SkipRows, Topics, assigned, clock, columns_option, print_lines
+from allocator.identification.options import LogOptions, assigned, clock, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, row, within
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
+from allocator.shell.outputs import AsJSON, Force, check_ending, claim, claim_result, print_json, say, write
 from allocator.units import BAR, DEG, MM, PERCENT
 
-if TYPE_CHECKING:
-    from allocator.identification.joint.planning.plan import JointPlan
 
-
+@grouped
 def fit_joint_command(
     log: Annotated[
         list[Path],
@@ -52,9 +54,8 @@ def fit_joint_command(
         float | None,
         typer.Option(help="rest length of the muscles [mm]; needed unless the file has a column of it, or --machine"),
     ] = None,
-    columns: Annotated[str | None, columns_option("pressure1=p1:bar,theta=phi:deg")] = None,
-    skip_rows: SkipRows = 0,
-    topics: Topics = None,
+    *,
+    source: LogOptions,
     model: Annotated[str, typer.Option(help="muscle model")] = "Sarosi2012",
     average: Annotated[bool, typer.Option("--average", help="fit the mean of both directions")] = False,
     friction: Annotated[bool, typer.Option(help="fit the friction μ; needs directions in the log")] = True,
@@ -83,43 +84,27 @@ def fit_joint_command(
     within("--dead-band", dead_band, "bar", 0, 100)
     if group is not None and out is None:
         raise InvalidInput("--group chooses the joint that --out writes: pass --out as well")
-    check_ending("--plot", plot, IMAGES)
-    claim(out, plot, inputs=(*log, machine), force=force)
-    check_toml("--out", out)
+    claim_result(out, plot, inputs=(*log, machine), force=force)
     console = Console(stderr=as_json)
-    ways, read = _sweeps(sweep or []), parse_columns(columns)
-    data = joined_logs(
-        {name: read_joint_log(one, ways, read, skip_rows=skip_rows, topics=topics) for name, one in short(log).items()}
-    )
+    ways = _sweeps(sweep or [])
+    data = joined_logs({name: source.read(read_joint_log, one, ways) for name, one in short(log).items()})
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, machine, rest_length, data.rest_length)
     _describe_gravity(machine, console)
-    options: dict[str, Any] = {
-        "geometry": geometry,
-        "torque": data.torque,
-        "direction": data.direction,
-        "group": groups or list(data.files) or None,
-        "slack": data.slack,
-        "average": average,
-        "friction": friction,
-        "dead_band": dead_band * BAR,
-    }
-    measured = (data.theta, data.P1, data.P2)
+    fitted = partial(
+        fit_joint, data.theta, data.P1, data.P2, torque=data.torque, direction=data.direction, slack=data.slack,
+        geometry=geometry, group=groups or list(data.files) or None, average=average, friction=friction,
+        dead_band=dead_band * BAR,
+    )  # fmt: skip
     with clock(console) as bar:
         bar.add_task(f"fitting {model}", total=None)  # the number of steps is unknown
-        fit = fit_joint(*measured, model=model, **options)
+        fit = fitted(model=model)
     if as_json:
         print_json(_values(fit))
     else:
-        _describe(fit, _better_laws(fit, measured, options), console)
-    if out is not None:
-        fit.save(out, group)
-        say(console, f"written: {out}")
-    if plot is not None:
-        from allocator.identification.joint.plotting import plot_joint_fit
-
-        save_figure(plot_joint_fit(fit), plot, dpi=120)
-        say(console, f"written: {plot}")
+        _describe(fit, _better_laws(fit, fitted), console)
+    write(out, lambda path: fit.save(path, group), console)
+    write(plot, lambda path: save_figure(plot_joint_fit(fit), path, dpi=120), console)
 
 
 def _sweeps(settings: list[str]) -> dict[float, float]:
@@ -174,8 +159,7 @@ def _length(option: str, length: float) -> float:
 
 
 def _describe_log(log: JointLog, console: Console) -> None:
-    for note in log.notes:
-        say(console, note)
+    say(console, *log.notes)
     if log.used < log.rows:
         console.print(
             f"{log.theta.size} equilibria, the last seconds of rests in {log.rows} rows of a raw log; the other "
@@ -184,13 +168,13 @@ def _describe_log(log: JointLog, console: Console) -> None:
         )
 
 
-def _better_laws(fit: JointFit, measured: tuple[Array, Array, Array], options: dict[str, Any]) -> list[str]:
-    """Return the laws that predict the angles better if the joint is fitted with them, as --model does."""
+def _better_laws(fit: JointFit, fitted: Callable[..., JointFit]) -> list[str]:
+    """Return the laws that predict the angles better than `fit` if the joint is `fitted` with them, as by --model."""
     most = 0.8 * fit.rms  # of a law worth trying
     better = []
     for name in (choice.name for choice in fit.doubt.choices if choice.kind == "law" and choice.rms < most):
         try:
-            other = fit_joint(*measured, model=name, leave_one_out=False, choices=False, **options)
+            other = fitted(model=name, leave_one_out=False, choices=False)
         except InvalidInput:
             continue
         if other.rms < most:
@@ -304,11 +288,6 @@ def plan_joint_command(
     both), with empty pressures. Fill in the cells, delete the rows that were not measured, and give the table to
     `antagonist fit-joint`.
     """
-    import numpy as np
-    from rich.console import Console
-
-    from allocator.identification.joint.planning.plan import LEVELS, plan_joint_experiment
-
     within("--accuracy", accuracy, "%", 0.01, 99)
     within("--noise", noise, "degrees", 1e-4, 45)
     check_ending("--out", out, (".csv",))
@@ -329,14 +308,10 @@ def plan_joint_command(
         print_json(_planned(plan))
     else:
         say(console, str(plan))
-    if out is not None:
-        from allocator.files.atomic import write_text
-
-        write_text(out, "\n".join([_HEADER, *_visits(plan)]) + "\n")
-        say(console, f"written: {out}")
+    write(out, lambda path: write_text(path, "\n".join([_HEADER, *_visits(plan)]) + "\n"), console)
 
 
-def _visits(plan: "JointPlan") -> list[str]:
+def _visits(plan: JointPlan) -> list[str]:
     """Return a row for each visit of a setpoint, falling and rising, and one for each angle of the sag test."""
     rows = []
     for s in plan.setpoints:
@@ -350,7 +325,7 @@ def _visits(plan: "JointPlan") -> list[str]:
     return rows
 
 
-def _planned(plan: "JointPlan") -> dict[str, object]:
+def _planned(plan: JointPlan) -> dict[str, object]:
     """Return the values printed by `--json`."""
     return {
         "weight_Nm": plan.weight,

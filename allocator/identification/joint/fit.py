@@ -101,20 +101,16 @@ def fit_joint(
     samples = JointSamples.checked(theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group)
     samples, sag = _parted(samples, slack, slack_noise)
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
-    slack_by_pressure = (samples.P1 < dead) | (samples.P2 < dead)
-    samples = samples.without(slack_by_pressure, f"a pressure below the dead band of {dead / BAR:g} bar")
-    samples = samples.without_stops()
+    low = np.minimum(samples.P1, samples.P2) < dead
+    samples = samples.without(low, f"a pressure below the dead band of {dead / BAR:g} bar").without_stops()
     _check_data(samples, friction and not average)
     samples = samples.without_outliers().binned(_MOST_SAMPLES)
-    if average:
-        samples = samples.averaged()
-    told = bool((samples.direction != 0).any())
-    used = {"log_ratio": ratio, "zero": zero, "friction": friction and told}
+    samples = samples.averaged() if average else samples
+    used = {"log_ratio": ratio, "zero": zero, "friction": friction and samples.direction.any()}
     extra = tuple(name for name, fitted in used.items() if fitted)
     for _ in range(1 + zero):  # contractions need the zero, which the second search takes from the first
         prototype, recipe, free = _prototype(model, samples, hold or {}, start)
-        problem = _problem(prototype, recipe, _within(samples, prototype), free, extra, taut_min)
-        problem = replace(problem, sag=sag)
+        problem = replace(_problem(prototype, recipe, _within(samples, prototype), free, extra, taut_min), sag=sag)
         x = first_search(problem, recipe)
         samples = replace(samples, zero=problem.unknowns(x).zero)
     return solved(problem, x, leave_one_out, prior, choices)

@@ -51,8 +51,7 @@ def _residuals(fit: JointFit, axes: "Axes") -> None:
         if way and fit.friction:
             order = np.argsort(still[here])
             at, width = still[here][order] / DEG, band[here][order]
-            lowest, highest = _envelope(width)
-            axes.fill_between(at, lowest, highest, color=colour, alpha=0.18, linewidth=0)
+            axes.fill_between(at, *_envelope(width), color=colour, alpha=0.18, linewidth=0)
     axes.axhline(0, color="0.6", linewidth=1, zorder=0)
     axes.set(xlabel="predicted angle without friction [°]", ylabel="measured minus predicted [°]")
     share = "" if np.isnan(fit.hysteresis_share) else f"{fit.hysteresis_share:.0%} of the squared error is hysteresis"
@@ -62,10 +61,10 @@ def _residuals(fit: JointFit, axes: "Axes") -> None:
 
 def _envelope(values: Array) -> tuple[Array, Array]:
     """Return the running least and greatest of the neighbours, so that the band is smooth."""
-    half = max(1, values.size // 12)
-    padded = np.pad(values, half, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    return windows.min(axis=1), windows.max(axis=1)
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    width = 2 * max(1, values.size // 12) + 1
+    return minimum_filter1d(values, width, mode="nearest"), maximum_filter1d(values, width, mode="nearest")
 
 
 def _stiffness(fit: JointFit, axes: "Axes") -> None:

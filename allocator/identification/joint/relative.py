@@ -4,7 +4,7 @@ Gradients are with respect to q = (parameters of the agonist, parameters of the 
 `AntagonistJoint.covariance`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from typing import NamedTuple, NoReturn
 
@@ -117,11 +117,6 @@ class RelativeJoint:
         if not name.startswith("_") and hasattr(AntagonistJoint, name):
             raise InvalidInput(f"{name} of this joint {WHY}")
         raise AttributeError(f"a RelativeJoint has no {name!r}")
-
-
-def with_joint_covariance(joint: AntagonistJoint, covariance: Array | None) -> AntagonistJoint:
-    """Return the joint with this covariance of the parameters of both muscles."""
-    return joint if covariance is None else replace(joint, covariance=tuple(map(tuple, covariance.tolist())))
 
 
 def _flat(theta: Value, P1: Value, P2: Value) -> tuple[Array, Array, Array]:

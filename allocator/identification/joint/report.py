@@ -9,7 +9,7 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
 from allocator.identification.joint.problem import JointProblem, Unknowns
-from allocator.identification.joint.relative import stiffness_with_gradient, with_joint_covariance
+from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.identification.joint.search import minimise
 from allocator.identification.least_squares import at_bound, determine, rms
 from allocator.joint.antagonist import AntagonistJoint
@@ -95,11 +95,11 @@ def parameter_jacobian(problem: JointProblem, u: Unknowns) -> Array:
 
 
 def joints(
-    problem: JointProblem, u: Unknowns, covariance: Array, unseen: tuple[str, ...] = ()
+    problem: JointProblem, u: Unknowns, covariance: Array, unseen: tuple[str, ...]
 ) -> dict[str, AntagonistJoint]:
     """Return the fitted joints by group, with the covariance of the parameters of both muscles."""
     J = parameter_jacobian(problem, u)
-    C, samples = J @ covariance @ J.T, problem.samples
+    C, samples = tuple(map(tuple, (J @ covariance @ J.T).tolist())), problem.samples
     antagonist = scaled(u.muscle, u.ratio)
     supply = (0.0, float(max(samples.P1.max(), samples.P2.max())))
     joints = {}
@@ -108,7 +108,7 @@ def joints(
         least = min(
             float(geometry.agonist(angles).contraction.min()), float(geometry.antagonist(angles).contraction.min())
         )
-        joint = AntagonistJoint(
+        joints[label] = AntagonistJoint(
             geometry,
             u.muscle,
             antagonist,
@@ -116,9 +116,9 @@ def joints(
             min(0.025, least - 0.005),
             (float(angles.min()), float(angles.max())),
             friction=max(u.friction, 0.0),
+            covariance=C if u.muscle.parameters else None,
             unseen=unseen,
         )
-        joints[label] = with_joint_covariance(joint, C if u.muscle.parameters else None)
     return joints
 
 

@@ -280,11 +280,7 @@ def first_search(problem: JointProblem, recipe: Recipe[Muscle]) -> Array:
 
 
 def solved(
-    problem: JointProblem,
-    x: Array,
-    leave_one_out: bool = True,
-    prior: Muscle | Prior | None = None,
-    choices: bool = True,
+    problem: JointProblem, x: Array, leave_one_out: bool, prior: Muscle | Prior | None, choices: bool
 ) -> JointFit:
     """Return the fit, searched from `x`, with its uncertainties and warnings."""
     problem, x, common = settle(problem, x, prior_of(problem, prior))

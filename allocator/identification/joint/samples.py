@@ -152,8 +152,7 @@ class JointSamples:
     def setpoints(self) -> NDArray[np.intp]:
         """Return the number (n,) of each sample's setpoint: the same pressures (in one `cell`), torque and group."""
         P1, P2 = np.round(self.P1 / self.cell), np.round(self.P2 / self.cell)
-        key = np.stack([self.group, P1, P2, np.round(self.torque, 6)])
-        return np.asarray(np.unique(key, axis=1, return_inverse=True)[1].ravel(), np.intp)
+        return np.unique(_combined(self.group, P1, P2, np.round(self.torque, 6)), return_inverse=True)[1]
 
     def pairs(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
         """Return the index arrays (rising, falling) of samples at the same setpoint."""

@@ -325,6 +325,10 @@ class MotionProblem:
         first = 1 - float(weights.sum())
         return PrandtlIshlinskii((first, *weights[there]), tuple(self.widths[there]), base=self.values(x)["base"])
 
+    def stiffest(self, x: Array, weights: Array) -> bool:
+        """Return whether the weight without play is at its bound."""
+        return self.operator(x, weights).weights[0] <= STIFFEST * (1 + 1e-4)
+
     def filled(self, x: Array, weights: Array) -> PrandtlIshlinskii:
         """Return `operator` at two equal pressures whose sum is that of the widths."""
         half = np.array([FILLED / 2])

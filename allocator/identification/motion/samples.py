@@ -14,7 +14,6 @@ same parameters in all of them, and begins each without memory.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from os import PathLike
 from typing import Self
 
 import numpy as np
@@ -94,8 +93,7 @@ class MotionLog:
         log._check_excitation()
         log = log._even()
         log = log._without_noise() if medians else log
-        every = -(-log.n // MOST_ROWS)
-        return log if every == 1 else log.thinned(every)
+        return log.thinned(-(-log.n // MOST_ROWS))
 
     def thinned(self, every: int) -> Self:
         """Return every n-th row."""
@@ -212,13 +210,11 @@ class MotionLog:
 
     def _without_spikes(self) -> Self:
         found = spikes_of(self.t, {"theta": self.theta, "pressure1": self.P1, "pressure2": self.P2})
-        spikes = {name.replace("pressure", "P"): rows for name, rows in found.items()}
-        if not (wrong := [f"{name}[{i}]" for name, rows in spikes.items() for i in rows]):
+        if not found:
             return self
-        keep = np.ones(self.n, bool)
-        keep[[i for rows in spikes.values() for i in rows]] = False
+        wrong = [f"{name.replace('pressure', 'P')}[{i}]" for name, mask in found.items() for i in np.flatnonzero(mask)]
         note = f"rows with spikes were left out: {some(wrong)}"
-        return replace(self._rows(keep), notes=(*self.notes, note))
+        return replace(self._rows(~np.any([*found.values()], axis=0)), notes=(*self.notes, note))
 
     def _check_turns(self) -> None:
         """Refuse impossible angles: a revolution within a row."""
@@ -284,7 +280,7 @@ def read_motion_log(
     Raises `InvalidFile`, with line and column if applicable, also for too little motion in all files together, and
     `InvalidInput` if only some files have measured pressures in addition to commands.
     """
-    paths = short([path] if isinstance(path, str | PathLike) else list(path))
+    paths = short(path)
     logs = {name: _read(one, columns, skip_rows, topics) for name, one in paths.items()}
     log = joined(logs)
     try:

@@ -41,6 +41,11 @@ class Found(NamedTuple):
         """Return the free run with the best weights on the rows `used` (n,)."""
         return self.problem.run(self.x, used)
 
+    def slope(self, used: Mask) -> float:
+        """Return the mean slope of the static angle [rad] with respect to q over the rows `used` (n,)."""
+        run = self.run(used)
+        return float(np.polyfit(self.problem.static(run.P1, run.P2), run.static, 1)[0])
+
     def again(self, used: Mask, problem: MotionProblem | None = None) -> "Found":
         """Continue the search on other rows, or for another problem of these unknowns."""
         return search(problem or self.problem, used, self.x)

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allocator.calculus import Array, falling_root
 from allocator.errors import InvalidInput
@@ -51,7 +50,7 @@ class Difference:
         """Return P1 + P2 (…) [Pa], to which the stiffness is about proportional."""
         return np.asarray(P1 + P2)
 
-    def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
+    def squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
         """Return factors of one, see `Equilibrium`: without muscles the volumes are unknown."""
         return (np.ones(theta.size), np.ones(theta.size)), 0.0
 
@@ -74,20 +73,13 @@ class Equilibrium:
         return self._at(P1, P2, self._grids[1])
 
     def _at(self, P1: Array, P2: Array, grid: Array) -> Array:
-        """Return a quantity (…) interpolated between its values `grid` (P1, P2)."""
-        (i, x), (j, y) = (self._cell(P) for P in (P1, P2))
-        k, flat = i * _GRID + j, grid.ravel()
-        low = flat[k] * (1 - y) + flat[k + 1] * y
-        high = flat[k + _GRID] * (1 - y) + flat[k + _GRID + 1] * y
-        return np.asarray(low * (1 - x) + high * x)
+        """Return a quantity (…) interpolated bilinearly between its values `grid` (P1, P2), the nearest outside."""
+        from scipy.ndimage import map_coordinates
 
-    def _cell(self, P: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the cell (…) of the grid with each pressure [Pa], the nearest outside, and where in it (0 … 1)."""
-        share = np.clip(P * ((_GRID - 1) / self.greatest), 0.0, _GRID - 1)
-        cell = np.minimum(share.astype(int), _GRID - 2)
-        return cell, share - cell
+        at = np.stack([P1, P2]) * ((_GRID - 1) / self.greatest)
+        return np.asarray(map_coordinates(grid, at, order=1, mode="nearest"))
 
-    def squeezed(self, theta: Array, volume: float = 1.0) -> tuple[tuple[Array, Array], float]:
+    def squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
         """Return the factors of both absolute pressures for half of each move of `theta`, two rows (n,).
 
         `theta` (n,) are encoder readings [rad].

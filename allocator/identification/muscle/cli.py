@@ -1,6 +1,7 @@
 """Command `antagonist fit`: a muscle from a table of measured forces."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,22 +14,30 @@ from rich.table import Table
 
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.files.text import short
-from allocator.identification.columns import parse_columns
 from allocator.identification.muscle.fit import Ranking, rank_models
+from allocator.identification.muscle.plotting import fit_figure
 from allocator.identification.muscle.reading import DATASETS, read_samples
 from allocator.identification.muscle.result import Fit
 from allocator.identification.muscle.samples import Samples, joined
-from allocator.identification.options import SkipRows, Topics, assigned, columns_option, each, print_lines
+from allocator.identification.options import LogOptions, assigned, columns_option, each, print_lines
 from allocator.muscles import MODELS, Muscle
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import within
-from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, check_toml, claim, print_json, say
+from allocator.shell.options import grouped, within
+from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, write
 from allocator.units import BAR, MM
 
 _MOST_CONTRACTION = 0.6  # [-] no muscle of this family contracts further
 _DEFAULT = "dmsp-20-300-map"
 
 
+@dataclass(frozen=True)
+class ForceOptions(LogOptions):
+    """Options of a table of measured forces."""
+
+    columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None
+
+
+@grouped
 def fit_command(
     data: Annotated[
         list[str] | None,
@@ -42,9 +51,8 @@ def fit_command(
     rest_length: Annotated[
         float | None, typer.Option(help="rest length of the muscle [mm]; for columns of lengths")
     ] = None,
-    columns: Annotated[str | None, columns_option("pressure=p:bar,force=F:N")] = None,
-    skip_rows: SkipRows = 0,
-    topics: Topics = None,
+    *,
+    source: ForceOptions,
     hold: Annotated[
         list[str] | None, typer.Option(help="parameter to hold fixed, in SI units, such as r0=0.0109; may be repeated")
     ] = None,
@@ -71,15 +79,11 @@ def fit_command(
     within("--min-pressure", min_pressure, "bar", -1, 100)
     within("--min-contraction", min_contraction, "(a ratio, not percent)", -1, 1)
     within("--zero-noise", zero_noise, "N", 0, 1_000_000)
-    check_ending("--plot", plot, IMAGES)
     files = data or [_DEFAULT]
-    claim(out, plot, inputs=files, force=force)
-    check_toml("--out", out)
+    claim_result(out, plot, inputs=files, force=force)
     console = Console(stderr=as_json)
-    read = {name: _samples(str(one), rest_length, columns, skip_rows, topics) for name, one in short(files).items()}
-    samples = joined(read)
     ranking = rank_models(
-        samples,
+        joined({name: _samples(str(one), rest_length, source) for name, one in short(files).items()}),
         _models(model),
         progress=each,
         hold=assigned("--hold", hold or [], "NAME=VALUE, such as r0=0.0109"),
@@ -95,21 +99,15 @@ def fit_command(
     else:
         _report(ranking, console)
         _describe(best, console)
-    if out is not None:
-        best.save(out, {"data": ", ".join(Path(one).name.encode(errors="replace").decode() for one in files)})
-        say(console, f"written: {out}")
-    if plot is not None:
-        from allocator.identification.muscle.plotting import fit_figure
-
-        save_figure(fit_figure(best), plot, dpi=150)
-        say(console, f"written: {plot}")
+    names = ", ".join(Path(one).name.encode(errors="replace").decode() for one in files)
+    write(out, lambda path: best.save(path, {"data": names}), console)
+    write(plot, lambda path: save_figure(fit_figure(best), path, dpi=150), console)
 
 
-def _samples(data: str, rest_length: float | None, columns: str | None, skip_rows: int, topics: str | None) -> Samples:
+def _samples(data: str, rest_length: float | None, source: LogOptions) -> Samples:
     if data in DATASETS:
         return DATASETS[data].samples()
-    length = None if rest_length is None else rest_length * MM
-    return read_samples(data, length, parse_columns(columns), skip_rows=skip_rows, topics=topics)
+    return source.read(read_samples, data, None if rest_length is None else rest_length * MM)
 
 
 def _models(name: str | None) -> tuple[type[Muscle], ...]:

@@ -23,9 +23,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from allocator.calculus import Array, Mask
+from allocator.identification.least_squares import polynomials
 from allocator.identification.muscle.samples import Samples, tension
 
 _MOST_READINGS = 2000  # used for the zero
@@ -148,12 +148,8 @@ def reading_variance(samples: Samples) -> Array | None:
 
 
 def polynomial(samples: Samples, n: int) -> Array | None:
-    """Return the Chebyshev polynomials (n, terms) in contraction and pressure, as many as n samples determine."""
-    x, y = (2 * (q - q.min()) / max(np.ptp(q), 1e-300) - 1 for q in (samples.contraction, samples.pressure))
-    for degrees in _DEGREES:
-        if n >= _SAMPLES_PER_TERM * (degrees[0] + 1) * (degrees[1] + 1):
-            return np.asarray(chebyshev.chebvander2d(x, y, degrees))
-    return None
+    """Return the polynomials (n, terms) in contraction and pressure, as many as n samples determine."""
+    return polynomials(np.stack([samples.contraction, samples.pressure], axis=1), _DEGREES, n / _SAMPLES_PER_TERM)
 
 
 def _most_likely(square: Array, F: Array, zero_noise: float) -> tuple[float, float]:

@@ -168,54 +168,58 @@ def control_files(controller: TrackingMPC, observer: KalmanObserver, single: boo
 
 
 def _numbers(controller: TrackingMPC, observer: KalmanObserver, single: bool) -> Numbers:
-    plant, known, ladder = controller.plant, controller.compensation, controller.ladder
+    """Return the numbers of settings.h."""
     late = 1 + (1e-4 if single else 1e-9)  # rounding of a time that is summed from samples
-    dt = controller.dt
-    return (
-        tuning_constants(controller)
-        | friction_numbers(known.of_joints(plant.n))
-        | {
-            "DT": (dt, "sample time [s]"),
-            "BAR": (BAR, "[Pa]"),
-            "ITERATIONS": (controller.iterations, "QPs per step"),
-            "PATIENCE": (controller.patience * late, "longest time without a measured angle [s]"),
-            "HOLDING": (ladder.holding, "time that the last rung holds the pressures [s]"),
-            "VENTING": (ladder.venting, "rate at which they fall afterwards [Pa/s]"),
-            "ACCURACY": (ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
-            "LONG": (2**30, "samples, upper end of every counter"),
-            "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
-            "JITTER": (compensation.JITTER, "smaller motions count as angle noise [rad]"),
-            "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
-            "DEAD_BAND": (known.dead_band, "total dead band of the regulators [Pa]"),
-            "SOFT": (compensation.SOFT, "smoothing width of the dead-band inverse [Pa]"),
-            "TOLERANCE": (observer.tolerance, "longest time that a sensor may be silent or frozen [s]"),
-            "TOLERANCE_END": (observer.tolerance * late, "the same, rounded up [s]"),
-            "SIGMAS": (gating.SIGMAS, "standard deviations beyond which a reading is rejected"),
-            "ROUGH": (gating.ROUGH, "standard deviations of the noise within which no reading is rejected"),
-            "MOST_TURNS": (gating.MOST_TURNS, "upper bound of the whole turns of an encoder error"),
-            "NEAR_A_TURN": (
-                gating.NEAR_A_TURN,
-                "distance from the expected angle up to which whole turns are removed [rad]",
-            ),
-            "GATE_GROWTH": (
-                observer.dt / observer.gate.widening,
-                "growth per sample of the width of a gate that rejects [-]",
-            ),
-            "MAX_SPEED": (observer.gate.max_speed, "greatest estimated speed [rad/s]"),
-            "MAX_TORQUE": (observer.gate.max_torque, "greatest estimated disturbance torque [N*m]"),
-            "HESITATION": (observer.rivalry.hesitation, "samples in which a rival has to explain rejected readings"),
-            "GATE_PATIENCE": (observer.rivalry.patience, "the same after a jump"),
-            "CROSSING": (observer.rivalry.crossing, "samples without a rejection after which there is no rival"),
-            "FIRST": (kalman.FIRST, "first samples, in which rejected readings may be right"),
-            "REPEATED": (rivalry.ONCE * observer.dt, "longest repetition of an angle reading at a reversal [s]"),
-            "COARSEST": (kalman.COARSEST, "greatest resolution step of an encoder [rad]"),
-            "LEARNING": (observer.dt / OFFSET_TIME, "share of an innovation that is added to a pressure offset"),
-            "SETTLED": (SETTLED, "distance to the command within which a pressure shows its offset [Pa]"),
-            "MOST_OFFSET": (observer.noise.offset, "greatest offset of a pressure sensor to its regulator [Pa]"),
-            "ENCODER_NOISE": (observer.noise.theta, "least standard deviation of the angle noise [rad]"),
-            "DOUBT": (gating.DOUBT, "standard deviations from which a repeated reading is rejected"),
-        }
-    )
+    friction = friction_numbers(controller.compensation.of_joints(controller.plant.n))
+    return tuning_constants(controller) | friction | _of_controller(controller, late) | _of_observer(observer, late)
+
+
+def _of_controller(controller: TrackingMPC, late: float) -> Numbers:
+    return {
+        "DT": (controller.dt, "sample time [s]"),
+        "BAR": (BAR, "[Pa]"),
+        "ITERATIONS": (controller.iterations, "QPs per step"),
+        "PATIENCE": (controller.patience * late, "longest time without a measured angle [s]"),
+        "HOLDING": (controller.ladder.holding, "time that the last rung holds the pressures [s]"),
+        "VENTING": (controller.ladder.venting, "rate at which they fall afterwards [Pa/s]"),
+        "ACCURACY": (ACCURACY, "greatest distance of an answer's changes to the solution's [bar]"),
+        "LONG": (2**30, "samples, upper end of every counter"),
+        "RESTS": (int(controller.rests), "whether commands come to rest at a constant reference"),
+        "JITTER": (compensation.JITTER, "smaller motions count as angle noise [rad]"),
+        "CORRECTED": (preview.CORRECTED, "share of an angle's error that counts as motion [-]"),
+        "DEAD_BAND": (controller.compensation.dead_band, "total dead band of the regulators [Pa]"),
+        "SOFT": (compensation.SOFT, "smoothing width of the dead-band inverse [Pa]"),
+    }
+
+
+def _of_observer(observer: KalmanObserver, late: float) -> Numbers:
+    """Return the numbers of the observer, its gates and its rivals."""
+    gate, rival, dt = observer.gate, observer.rivalry, observer.dt
+    return {
+        "TOLERANCE": (observer.tolerance, "longest time that a sensor may be silent or frozen [s]"),
+        "TOLERANCE_END": (observer.tolerance * late, "the same, rounded up [s]"),
+        "SIGMAS": (gating.SIGMAS, "standard deviations beyond which a reading is rejected"),
+        "ROUGH": (gating.ROUGH, "standard deviations of the noise within which no reading is rejected"),
+        "MOST_TURNS": (gating.MOST_TURNS, "upper bound of the whole turns of an encoder error"),
+        "NEAR_A_TURN": (
+            gating.NEAR_A_TURN,
+            "distance from the expected angle up to which whole turns are removed [rad]",
+        ),
+        "GATE_GROWTH": (dt / gate.widening, "growth per sample of the width of a gate that rejects [-]"),
+        "MAX_SPEED": (gate.max_speed, "greatest estimated speed [rad/s]"),
+        "MAX_TORQUE": (gate.max_torque, "greatest estimated disturbance torque [N*m]"),
+        "HESITATION": (rival.hesitation, "samples in which a rival has to explain rejected readings"),
+        "GATE_PATIENCE": (rival.patience, "the same after a jump"),
+        "CROSSING": (rival.crossing, "samples without a rejection after which there is no rival"),
+        "FIRST": (kalman.FIRST, "first samples, in which rejected readings may be right"),
+        "REPEATED": (rivalry.ONCE * dt, "longest repetition of an angle reading at a reversal [s]"),
+        "COARSEST": (kalman.COARSEST, "greatest resolution step of an encoder [rad]"),
+        "LEARNING": (dt / OFFSET_TIME, "share of an innovation that is added to a pressure offset"),
+        "SETTLED": (SETTLED, "distance to the command within which a pressure shows its offset [Pa]"),
+        "MOST_OFFSET": (observer.noise.offset, "greatest offset of a pressure sensor to its regulator [Pa]"),
+        "ENCODER_NOISE": (observer.noise.theta, "least standard deviation of the angle noise [rad]"),
+        "DOUBT": (gating.DOUBT, "standard deviations from which a repeated reading is rejected"),
+    }
 
 
 def _integration(plant: Machine, dt: float) -> Iterator[tuple[str, str, Array]]:

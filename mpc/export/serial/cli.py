@@ -90,7 +90,6 @@ def bench_check_command(
         if device is None:
             say(console, f"simulated board: the exported C, compiled on this machine, behind {address}")
         found = examine(lambda: open_serial(address, timeout), exchanges)
-    for line in found.lines():
-        say(console, line)
+    say(console, *found.lines())
     if found.faults:
         raise DeviceError(f"do not use this board: {'; '.join(found.faults)}")

@@ -54,23 +54,16 @@ def answer(asked, fixed, posture, floats, places, signs, found, n, m, diagonal, 
     if not sensible(q, T, K, now, ends, diagonal, nearest):
         return ODD, 0, 0, False
     work, floats, places, signs = carved(floats, places, signs, d, m, 2)
-    A, floats = matrix(floats, d, m)
-    b, floats = vector(floats, d)
+    levels, box, floats, places, signs = rows_and_box(floats, places, signs, d, m)
     y, floats = vector(floats, d)
-    lo, floats = vector(floats, m)
-    hi, floats = vector(floats, m)
-    centre, floats = vector(floats, m)
     x, floats = vector(floats, m)
     rest, floats = matrix(floats, n, n)
     side, signs = vector(signs, m + d)
-    onesided, signs = vector(signs, d)
     held, signs = vector(signs, m + d)
-    levels_end, places = vector(places, 2)
     P, found = vector(found, m)
     given, found = vector(found, d)
     proof, found = vector(found, 1)
     mu, found = matrix(found, 3, d)
-    levels, box = Levels(A, b, onesided, levels_end), Box(lo, hi, centre)
     status = within(q, now, ends, fixed, posture, box, n, m, d, nearest)
     if status == ODD:
         return ODD, 0, 0, False
@@ -88,6 +81,18 @@ def answer(asked, fixed, posture, floats, places, signs, found, n, m, diagonal, 
     if not proof[0] <= TRUSTED:
         status = max(status, SOLVER_FAILED)
     return status, rounds, missed, stiff
+
+
+def rows_and_box(floats, places, signs, d, m):
+    """Return the memory of the rows and of the box of a target, and the rest of the flat arrays."""
+    A, floats = matrix(floats, d, m)
+    b, floats = vector(floats, d)
+    lo, floats = vector(floats, m)
+    hi, floats = vector(floats, m)
+    centre, floats = vector(floats, m)
+    onesided, signs = vector(signs, d)
+    ends, places = vector(places, 2)
+    return Levels(A, b, onesided, ends), Box(lo, hi, centre), floats, places, signs
 
 
 def answers(asked, fixed, postures, floats, places, signs, found, n, m, diagonal, stiffness_first, nearest):
@@ -218,6 +223,6 @@ def holds(given, left, n):
 
 FUNCTIONS: tuple[Callable[..., object], ...] = (
     *OTHERS,
-    *(matrix, vector, carved, interval, clip),
+    *(matrix, vector, carved, rows_and_box, interval, clip),
     *(sensible, within, fill, is_asked, judged, holds),
 )

@@ -331,11 +331,8 @@ def _walked(wide: JointProblem, points: list[Point], side: int, freedom: int) ->
     edge = max(points, key=lambda p: side * p.share)
     share = edge.share
     for _ in range(_STEPS):
-        if (
-            (share >= _MOST)
-            if side > 0
-            else (share < _STEP or (wide.measured_forces(wide.unknowns(edge.x)) < 0).mean() > _NEGATIVE)
-        ):
+        forces = wide.measured_forces(wide.unknowns(edge.x))
+        if share >= _MOST if side > 0 else share < _STEP or (forces < 0).mean() > _NEGATIVE:
             break
         share = min(share + _STEP, _MOST) if side > 0 else share - _STEP
         edge = _fixed(wide, share, edge.x)

@@ -187,7 +187,7 @@ class Doubt:
     choices: tuple[Choice, ...]
 
 
-def doubt(problem: JointProblem, x: Array, inside: Mask, common: CommonForce, choices: bool = True) -> Doubt:
+def doubt(problem: JointProblem, x: Array, inside: Mask, common: CommonForce, choices: bool) -> Doubt:
     """Return the doubt of the solution `x`; unknowns at a bound of the search (not `inside`) count as known."""
     r, J = problem.residual(x), problem.jacobian(x)
     names = tuple(n for n, i in zip(problem.names, inside, strict=True) if i)

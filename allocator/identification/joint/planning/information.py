@@ -30,7 +30,7 @@ import numpy as np
 
 from allocator.calculus import Array, increasing_root
 from allocator.identification.joint.doubt.discrepancy import RMS_OF_FIELD, ForceField, FrictionError, angle_effect
-from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.problem import JointProblem, Unknowns
 from allocator.identification.least_squares import rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import force_gradient, scaled
@@ -98,7 +98,7 @@ def supplements(joint: AntagonistJoint, known: Known, heavier: Array) -> tuple[S
     before = spread(F_goal, C), spread(K_goal, C)
 
     def told(name: str, how: str, B: Array, **more: object) -> Supplement:
-        after = C - C @ B.T @ np.linalg.solve(np.eye(len(B)) + B @ C @ B.T, B @ C)
+        after = informed(C, B)
         F, K = spread(F_goal, after), spread(K_goal, after)
         gain = np.log(before[1] / K) + (0.0 if force_seen(joint) else np.log(before[0] / F))
         return Supplement(name, how, F, K, float(gain), **more)  # type: ignore[arg-type]  # sag and weight
@@ -115,6 +115,18 @@ def supplements(joint: AntagonistJoint, known: Known, heavier: Array) -> tuple[S
     how = "shut the valves, push the joint by a degree and measure the torque; subtract the gas stiffness"
     found.append(told("a push with shut valves", how, K_goal[:: max(1, len(K_goal) // 3)] / _PUSH_NOISE))
     return tuple(sorted(found, key=lambda s: -s.gain))
+
+
+def informed(C: Array, B: Array) -> Array:
+    """Return the covariance C (m, m) after measurements with the rows B (r, m)."""
+    return np.asarray(C - C @ B.T @ np.linalg.solve(np.eye(len(B)) + B @ C @ B.T, B @ C))
+
+
+def modelled(joint: AntagonistJoint, u: Unknowns) -> AntagonistJoint:
+    """Return the joint with the muscles of the unknowns."""
+    return AntagonistJoint(
+        joint.geometry, u.muscle, scaled(u.muscle, u.ratio), joint.pressure_limits, joint.min_contraction
+    )
 
 
 def force_seen(joint: AntagonistJoint) -> bool:
@@ -145,11 +157,8 @@ def _sag_test(joint: AntagonistJoint, known: Known) -> tuple[tuple[SagPoint, ...
     angles = (left + right) / 2 + _INNER * (right - left) / 2 * np.linspace(-1, 1, _ANGLES)
     u, problem = known.problem.unknowns(known.x), known.problem
     mean = float(problem.measured_forces(u).mean())
-    modelled = AntagonistJoint(
-        joint.geometry, u.muscle, scaled(u.muscle, u.ratio), joint.pressure_limits, joint.min_contraction
-    )
     pressures, rows = [], []
-    sides = modelled.sides(angles)
+    sides = modelled(joint, u).sides(angles)
     arm = np.mean([side.moment_arm for side in sides])
     for side, strength in zip(sides, (1.0, u.ratio), strict=True):
         low, high = (np.full(_ANGLES, end) for end in joint.pressure_limits)

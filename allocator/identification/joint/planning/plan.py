@@ -31,6 +31,8 @@ from allocator.identification.joint.planning.information import (
     Goal,
     Known,
     Supplement,
+    informed,
+    modelled,
     sag_table,
     spread,
     supplements,
@@ -40,7 +42,6 @@ from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.antagonist import AntagonistJoint
-from allocator.muscles import scaled
 from allocator.units import BAR, DEG
 
 APPROACH = 0.5 * BAR  # distance of a pressure from which a setpoint is approached, without friction
@@ -225,7 +226,7 @@ def _chosen(
         if best is None:
             break
         chosen.append(best)
-        C = C - C @ B[best].T @ np.linalg.solve(np.eye(2) + B[best] @ C @ B[best].T, B[best] @ C)
+        C = informed(C, B[best])
         reached = spread(goal, C)
     return chosen, C, reached
 
@@ -290,9 +291,6 @@ def _goal(
     """Return the gradients of log K at the unloaded setpoints."""
     u, s = problem.unknowns(x), problem.samples
     here = np.concatenate([unloaded, np.zeros(unloaded.size, bool)])
-    modelled = AntagonistJoint(
-        joint.geometry, u.muscle, scaled(u.muscle, u.ratio), joint.pressure_limits, joint.min_contraction
-    )
-    K = stiffness_with_gradient(modelled, angle[here], s.P1[here], s.P2[here])
+    K = stiffness_with_gradient(modelled(joint, u), angle[here], s.P1[here], s.P2[here])
     by_law, *_ = field.effects(joint.geometry, u, angle[here], s.P1[here], s.P2[here])
     return Goal(K.gradient / K.value[:, None] @ parameter_jacobian(problem, u), by_law / K.value[:, None])

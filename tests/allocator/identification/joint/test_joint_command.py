@@ -1,6 +1,7 @@
 """`antagonist fit-joint` as a person meets it."""
 
 from dataclasses import replace
+from functools import partial
 
 import matplotlib as mpl
 import numpy as np
@@ -155,10 +156,10 @@ def test_a_missing_column_is_named(tmp_path):
 def test_only_laws_that_fit_better_when_they_are_tried_are_suggested(all_twins, log_maker):
     joint = all_twins["martens-pulley"]
     measured, options = log_maker(joint, 3).fit_arguments()
-    options["geometry"] = joint.geometry
-    fit = fit_joint(*measured, model="ChouHannaford1996", **options)
-    better = _better_laws(fit, measured, options)
+    fitted = partial(fit_joint, *measured, **options | {"geometry": joint.geometry})
+    fit = fitted(model="ChouHannaford1996")
+    better = _better_laws(fit, fitted)
     assert "MartensBoblan2017" in better
     promised = Choice("TonduLopez2000", "law", 0.0, 1.0, 0.0, 0.0, 0.0)
     fit = replace(fit, doubt=replace(fit.doubt, choices=(*fit.doubt.choices, promised)))
-    assert _better_laws(fit, measured, options) == better  # with this law itself the angles are no better
+    assert _better_laws(fit, fitted) == better  # with this law itself the angles are no better

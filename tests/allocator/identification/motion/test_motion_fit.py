@@ -8,7 +8,7 @@ import pytest
 from allocator import BAR, DEG
 from allocator.errors import InvalidInput
 from allocator.identification import fit_motion
-from allocator.identification.motion import fit as motion_fit
+from allocator.identification.motion.intervals import _estimates
 from allocator.identification.motion.samples import MotionLog, read_motion_log
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.plant import Plant
@@ -143,7 +143,7 @@ def test_what_lies_at_the_bound_of_its_search_has_an_interval_all_the_same():
     P = 2e5 + 1e5 * np.sign(np.sin(np.arange(t.size) // 100 * 1.7)), 2e5 + 1e5 * np.sign(np.cos(t // 3 * 2.3))
     log = MotionLog.checked(t, np.sin(t), *P)
     here = {"lag_up": 0.0, "base": 0.05}
-    found = motion_fit._estimates(here, [here] * 10, [], {}, log, rms=0.0)
+    found = _estimates(here, [here] * 10, [], {}, log, rms=0.0)
     assert found["lag_up"].high > log.step / 4  # half a sample of lag is no lag to be seen
     assert found["base"].low == 0.0
     assert found["base"].high > 0.05
