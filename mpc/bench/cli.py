@@ -15,7 +15,7 @@ from allocator.presentation.progress import waiting
 from allocator.shell.options import grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, PERCENT
-from mpc.arm.options import Described, HandOptions, asked_of_arm, described, refuse_options_of_one_joint
+from mpc.arm.options import Described, HandOptions, asked_of_arm, described, owner_of_arm, refuse_options_of_one_joint
 from mpc.bench.options import BenchOptions, Opened
 from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
@@ -93,11 +93,12 @@ def run_command(
     console = Console()
     files, learned = _Files.of(out or []), repeated.written(trajectory)
     claim(*files.out, files.beside, *learned, inputs=(trajectory, repeated.learned, *options.files), force=force)
-    arm = _arm(options, at, more, controller, repeated)
+    arm = _arm(options, at, more, controller)
     opened = bench.opened(options, None if arm is None else arm.arm)
     settings, plant = bench.settings(options, settle, opened.plant.m), opened.plant
     check_recordable(files.out, plant)
-    reference, owner, begun = _asked(trajectory, at, repeated, opened, controller, arm)
+    reference, owner = _asked(trajectory, options, at, more, repeated, opened, controller, arm)
+    begun = repeated.begun(reference, owner, at.dt)
     say(console, *_introduction(opened, options, arm, reference, at.dt))
     with waiting(f"building the controller (compiled once {_ONCE if arm is None else _ONCE_AN_ARM})"):
         driver, observer, learner, sentences = _built(controller, opened, options, at, repeated, reference, begun)
@@ -118,7 +119,7 @@ def run_command(
     done = repeat(drive, learner, age=age, progress=progress(console)) if learner else once(drive, reference, begun)
     with _exiting(done.last.ending):
         _report(done.best if finished(done.last) else done.last, console)
-        if learner is not None and owner is not None and done.first is not None:
+        if learner is not None and done.first is not None:
             first, best = (read(one, learner.course, age) for one in (done.first, done.best))
             report(learner, owner, first, best, learned, console)
         say(console, files.write(done, None if arm is None else arm.hand))
@@ -166,36 +167,30 @@ def _is_log(path: Path) -> bool:
     return path.suffix.lower() == ".csv"
 
 
-def _arm(
-    options: PlantOptions, at: LoopOptions, more: HandOptions, controller: str, repeated: RepeatOptions
-) -> Described | None:
+def _arm(options: PlantOptions, at: LoopOptions, more: HandOptions, controller: str) -> Described | None:
     """Return the arm of the options, None for one joint. Raises `InvalidInput` for options of the other kind."""
     if not options.of_several:
         if more != HandOptions():
             raise InvalidInput("--stiffness-of and --hand go with a --machine of several joints")
         return None
     refuse_options_of_one_joint(stiffness=at.stiffness, controller=None if controller == "mpc" else controller)
-    if repeated.asked:
-        raise InvalidInput(
-            "--repeat and --from take one joint on a device; `antagonist track` repeats a motion of an arm"
-        )
     return described(options, more)
 
 
 def _asked(
-    trajectory: str | None, at: LoopOptions, repeated: RepeatOptions, opened: Opened, controller: str,
-    arm: Described | None,
-) -> "tuple[Reference, Owner | None, Correction | None]":  # fmt: skip
-    """Return the desired motion; for one joint also the owner of a correction, and the correction to play if any."""
+    trajectory: str | None, options: PlantOptions, at: LoopOptions, more: HandOptions, repeated: RepeatOptions,
+    opened: Opened, controller: str, arm: Described | None,
+) -> "tuple[Reference, Owner]":  # fmt: skip
+    """Return the desired motion, and the owner of its correction."""
     from mpc.trials.files import reference_called
     from mpc.trials.motions.corrections import Owner
 
-    plant = opened.plant
+    plant, load = opened.plant, repeated.load or ""
     if arm is not None:
-        return asked_of_arm(trajectory, plant, arm.hand), None, None
+        reference = repeated.reference(trajectory, lambda: asked_of_arm(trajectory, plant, arm.hand))
+        return reference, owner_of_arm(options, more, plant, load)
     reference = repeated.reference(trajectory, lambda: reference_called(trajectory, at.stiffness, plant))
-    owner = Owner.of(plant, opened.known, controller, repeated.load or "")
-    return reference, owner, repeated.begun(reference, owner, at.dt)
+    return reference, Owner.of(plant, opened.known, controller, load)
 
 
 def _introduction(

@@ -123,6 +123,20 @@ def test_a_simulated_file_of_another_machine_is_refused(tmp_path, machine, there
     assert said.endswith(f"give --machine {file}")
 
 
+@pytest.mark.slow
+def test_an_arm_learns_a_motion_on_a_device_and_plays_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = *ARM, "--fast", "--quiet", "--dt", "0.02", "--horizon", "8"
+    result = antagonist("run", "reach", *given, "--repeat", "2")
+    assert result.exit_code == 0, result.output
+    assert "learned:" in result.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["reach.correction.png", "reach.correction.toml"]
+    played = antagonist("run", *given, "--from", "reach.correction.toml")
+    assert played.exit_code == 0, played.output
+    other = antagonist("run", "--machine", "arm48", *given[2:], "--from", "reach.correction.toml")
+    assert "was learned on another joint" in str(other.exception)
+
+
 def test_one_joint_is_what_a_sweep_and_a_measurement_take(tmp_path):
     for command in (("sweep", "--out", tmp_path / "sweep"), ("measure", "--out", tmp_path / "measured.png")):
         result = antagonist(*command, *ARM, "--fast")
@@ -175,7 +189,6 @@ def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajector
         (("--device", "sim", "--hand", "tip"), "--stiffness-of and --hand go with a --machine of several joints"),
         ((*ARM, "--controller", "pid"), "--controller is for one joint"),
         ((*ARM, "--stiffness", "7"), "--stiffness is for one joint"),
-        ((*ARM, "--repeat", "3"), "--repeat and --from take one joint on a device"),
         ((*ARM, "--present", "0:0"), "--present 0:0: expected 6 numbers with colons between them"),
         ((*ARM,), "unknown reference 'min-jerk'"),
     ],
