@@ -85,19 +85,15 @@ def reported(trial: Trial, outcome: Outcome, learned: tuple[Path, Path] | tuple[
     """Print the trial, its errors and margins, and write what was learned."""
     run, practice = outcome.run, outcome.practice
     figures = metrics(run)
-    for sentence in trial.about:
-        say(console, sentence)
+    say(console, *trial.about)
     console.print(table_of(run, figures))
-    for sentence in (run.assumed, *limits_of_reference(figures, trial.settings.plant.slew), *trial.remarks(run)):
-        if sentence:
-            say(console, sentence)
+    say(console, run.assumed, *limits_of_reference(figures, trial.settings.plant.slew), *trial.remarks(run))
     if practice is not None:
         report(practice.learner, trial.owner, practice.first.theta, practice.best.theta, learned, console)
     elif outcome.played is not None:
         say(console, f"played: {outcome.played.summary}")
     if trial.with_margins:
-        for sentence in margins_in_words(trial.name, trial.settings, trial.asked, trial.controller):
-            say(console, sentence)
+        say(console, *margins_in_words(trial.name, trial.settings, trial.asked, trial.controller))
 
 
 def written(trial: Trial, run: Run, files: list[Path], margins: Path | None, console: "Console") -> list[Path]:
@@ -112,8 +108,7 @@ def written(trial: Trial, run: Run, files: list[Path], margins: Path | None, con
     if margins is not None:
         plot_margins(sliding_margins(trial.name, trial.settings), margins, trial.title)
         files = [*files, margins]
-    for sentence in (*filter(None, notes), f"written: {', '.join(map(str, files))}"):
-        say(console, sentence)
+    say(console, *notes, f"written: {', '.join(map(str, files))}")
     return files
 
 
