@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing import parent_process
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self
 
 import typer
@@ -185,7 +187,7 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
     if count == 1:
         yield None
         return
-    with ProcessPoolExecutor(count, initializer=_deaf) as pool:
+    with ProcessPoolExecutor(count, initializer=_follow) as pool:
         try:
             yield pool
         except BaseException:
@@ -193,6 +195,14 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
             raise
 
 
-def _deaf() -> None:
-    """Ignore interrupts, which the parent process handles."""
+def _follow() -> None:
+    """Ignore interrupts, which the parent process handles, and end with that process, even if it was killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

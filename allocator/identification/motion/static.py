@@ -10,6 +10,10 @@ pressures and contractions and F⁰ those of the given ones. So properties that 
 values, above all the force scale. A zero is hard to distinguish from other muscles, and the errors come from the model
 as much as from the sensor: with a smaller w both move far away to gain a few tenths of a degree. No parameter changes
 its sign.
+
+If the given muscles were fitted (`covariance`), the stiffness within the range of their fit is held as well, since
+angles do not show its scale: a departure by its standard deviation σ_K (at least `_LEAST_STD`) costs as much as an
+error of `_HOLD_STIFFNESS`.
 """
 
 from dataclasses import dataclass, replace
@@ -27,6 +31,7 @@ from allocator.units import DEG
 _GRID = 36  # pressures per muscle
 _LEAST_CONTRACTION = -0.2  # [-]: the law is evaluated up to this extension
 _HOLD = 2 * DEG  # w: doubled forces cost as much as an error of this size everywhere
+_HOLD_STIFFNESS, _LEAST_STD = 0.3 * DEG, 0.03
 _ZERO = 40 * DEG  # z⁰: a zero that costs as much as doubled forces
 _SHARES, _CONTRACTIONS = np.meshgrid([1 / 3, 2 / 3, 1.0], [0.0, 0.08, 0.16, 0.24])  # of the supply; [-]
 _MOST_CHANGE = 0.9  # of a parameter, relative
@@ -149,7 +154,9 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
 
     def held(error: Array, x: Array) -> Array:
         changed = (forces(*muscles(x)) - usual) / np.linalg.norm(usual)
-        return np.concatenate([error, _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)]) / DEG
+        prior = _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)
+        stiffer = (_balance(joint, *muscles(x), u - x[0], P1, P2)[1] - K) * sure if sure.any() else 0 * K
+        return np.concatenate([error, prior, _HOLD_STIFFNESS * stiffer]) / DEG
 
     def residual(x: Array) -> Array:
         return held(u - x[0] - _equilibrium(joint, *muscles(x), u - x[0], P1, P2), x)
@@ -160,6 +167,7 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
     usual = forces(joint.agonist, joint.antagonist)
     K = _balance(joint, joint.agonist, joint.antagonist, u, P1, P2)[1]
     firm = np.maximum(K, _LEAST_FIRM * np.median(K))
+    sure = _sureness(joint, u, P1, P2, _LEAST_STD * firm)
     most = np.array([_MOST_ZERO, *[_MOST_CHANGE] * given.size])
     size = np.array([0.05, *[0.2] * given.size])
     x = 0 * size
@@ -172,6 +180,24 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
     except InvalidInput as error:
         raise InvalidInput(f"muscles like this joint's cannot hold the angles of the log: {error}") from None
     return replace(one, covariance=None), replace(two, covariance=None), float(x[0])
+
+
+def _sureness(joint: AntagonistJoint, u: Array, P1: Array, P2: Array, least: Array) -> Array:
+    """Return 1/σ_K (n,) [rad/(N·m)] at equilibria u, P1, P2 (n,), with σ_K at `least`; 0 where no fit knows it."""
+    if joint.covariance is None:
+        return np.zeros(u.size)
+    pair, m = (joint.agonist, joint.antagonist), len(joint.agonist.parameters)
+    given = np.array([*pair[0].parameters.values(), *pair[1].parameters.values()])
+
+    def stiffness(p: Array) -> Array:
+        agonist, antagonist = (one.unchecked(part.tolist()) for one, part in zip(pair, (p[:m], p[m:]), strict=True))
+        return _balance(joint, agonist, antagonist, u, P1, P2)[1]
+
+    steps = 1e-4 * np.diag(np.where(given == 0, 1.0, given))
+    slopes = [(stiffness(given + step) - stiffness(given - step)) / (2 * step.sum()) for step in steps]
+    variance = np.einsum("in,ij,jn->n", slopes, joint.covariance, slopes)
+    low, high = joint.angle_range
+    return np.where((low <= u) & (u <= high), 1 / np.maximum(np.sqrt(np.maximum(variance, 0.0)), least), 0.0)
 
 
 def _equilibrium(
