@@ -326,6 +326,8 @@ def _muscles(file: Table) -> dict[str, Muscle]:
     any_kind: type[Any] = Muscle
     for table in file.each("muscle"):
         name, like = (table.entries.get(entry) for entry in ("name", "like"))
+        if name is None:
+            raise table.fault("name is missing: each [[muscle]] of a mechanism has its own")
         if not isinstance(name, str) or name in found:
             raise table.fault(f"name = {name!r} has to be a name, and no other muscle's")
         if like is None:

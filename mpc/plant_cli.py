@@ -77,7 +77,10 @@ class PlantOptions(MachineOptions):
             raise InvalidInput(f"{option} is of the gas, which --no-gas leaves out; drop one of them")
 
     def plant(self, **otherwise: Any) -> "Plant":
-        """Build the plant of a joint; `otherwise` holds defaults for numbers neither given nor in the file."""
+        """Build the plant of a joint; `otherwise` holds defaults for numbers neither given nor in the file.
+
+        Raises `InvalidFile` for numbers of the file that are no plant's.
+        """
         from allocator.files.toml import Table
         from mpc.model.plant import NUMBERS, Plant
         from mpc.model.storage import numbers_in
@@ -86,7 +89,12 @@ class PlantOptions(MachineOptions):
         stored = {} if self.file is None else numbers_in(Table.read(self.file), NUMBERS)
         if self.kappa is not None:
             joint = replace(joint, gas=replace(joint.gas, kappa=self.kappa))
-        return Plant(joint, **(otherwise | stored | self._numbers()))
+        try:
+            return Plant(joint, **(otherwise | stored | self._numbers()))
+        except (InvalidInput, TypeError, OverflowError):
+            if self.file is not None:
+                Plant.load(str(self.file))  # names the file, if its numbers are wrong
+            raise
 
     @property
     def encoder_zero(self) -> float:

@@ -202,6 +202,7 @@ def _introduction(
 
     plant, known = opened.plant, opened.known
     yield f"plant: {plant.summary}" + f"; {known.summary}" * bool(known.summary)
+    yield opened.note
     if arm is not None:
         yield from arm.notes
     elif assumed := opened.assumed(options):

@@ -261,10 +261,8 @@ def _draw(good: "list[MeasuredStiffness]", options: PlantOptions, bench: BenchOp
     from allocator.presentation.plotting import save_figure
     from mpc.bench.measuring.result import plot_measured
 
-    if bench is None:
-        plant, known = options.plant(), options.compensation()
-    else:
-        _, _, plant, known = bench.opened(options)
+    opened = None if bench is None else bench.opened(options)
+    plant, known = (options.plant(), options.compensation()) if opened is None else (opened.plant, opened.known)
     save_figure(plot_measured(good, plant.joint, known.friction.loop), out)
 
 

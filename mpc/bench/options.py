@@ -82,7 +82,9 @@ class BenchOptions:
             found = replace(real.known(share=1.0), **known.told)
             return Opened(SimulatedDevice(real, clock, zero=options.encoder_zero), clock, plant, found)
         if name == _SIM:
-            return Opened(_of_file(address, clock, plant), clock, plant, known)
+            stranger = f"the controller's model is the default joint, not {address}: give --machine {address} as well"
+            note = stranger if options == PlantOptions() else ""
+            return Opened(_of_file(address, clock, plant), clock, plant, known, note)
         return Opened(self._driven(), clock, plant, known)
 
     def settings(self, options: PlantOptions, settle: float = 0.0, m: int = 2) -> "Settings":
@@ -146,6 +148,7 @@ class Opened(NamedTuple):
     clock: "Clock"
     plant: Any  # a `Plant` or an `Arm`
     known: "Compensation"
+    note: str = ""  # a sentence on what the user may not have meant
 
     def assumed(self, options: PlantOptions) -> str:
         """Return the assumed effects that the joint's file does not state, or ""."""

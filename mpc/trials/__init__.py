@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mpc.trials.loops import loop as loop
     from mpc.trials.margins import Margins as Margins
     from mpc.trials.margins import linear as linear
+    from mpc.trials.margins import linear_model as linear_model
     from mpc.trials.motions.arm_trajectories import circle as circle
     from mpc.trials.motions.arm_trajectories import draw as draw
     from mpc.trials.motions.arm_trajectories import hold as hold

@@ -219,8 +219,9 @@ def margins(
     plant, told = controller.plant, controller.compensation
     if told != linear(told) or plant != linear_model(plant):
         raise InvalidInput(
-            "margins are those of a joint that slides: build controller and observer with `linear(compensation)`, "
-            "which is without friction and dead band, for `linear_model(plant)`, whose pressures rise and fall alike"
+            "margins are those of a joint that slides: build controller and observer with `linear(compensation)` of "
+            "mpc.trials, which is without friction and dead band, for its `linear_model(plant)`, whose pressures rise "
+            "and fall alike"
         )
     if listen is not None and not _BRIEFEST <= checks.number("listen", listen, "s") <= _LONGEST:
         raise InvalidInput(f"listen = {listen:g} s has to lie between {_BRIEFEST:g} and {_LONGEST:g} s")

@@ -121,6 +121,7 @@ def test_functions_are_not_written(tmp_path):
         ('kind = "Pulleys"', "kind = [1]", r"unknown kind \[1\]; known: Pulley"),
         ('joints = ["shoulder", "elbow"]', "joints = 2", "joints = 2 has to be a list of names"),
         ('name = "elbow flexor"', 'name = "shoulder flexor"', "has to be a name, and no other muscle's"),
+        ('name = "biarticular extensor"\n', "", r"name is missing: each \[\[muscle\]\] of a mechanism has its own"),
         ('[[muscle]]\nname = "biarticular extensor"\nlike = "shoulder flexor"', "", "5 given; .* m = 6"),
         (
             "[machine]",

@@ -64,6 +64,14 @@ def test_options_change_what_the_file_says_and_nothing_else(tmp_path):
     assert options.plant() == replace(PLANT, joint=joint, inertia=0.07, lag=(0.2, 0.2))
 
 
+def test_a_wrong_number_of_a_plant_s_file_is_blamed_on_the_file(tmp_path):
+    path = tmp_path / "plant.toml"
+    PLANT.save(path)
+    path.write_text(path.read_text(encoding="utf-8").replace("inertia = 0.02", "inertia = -0.02"), encoding="utf-8")
+    with pytest.raises(InvalidFile, match=r"plant\.toml: \[plant\]: inertia = -0.02"):
+        PlantOptions(machine=str(path)).plant()
+
+
 def test_every_option_of_the_joint_and_the_plant_arrives():
     plant = PlantOptions(
         muscle=["sarosi-dmsp-20-400n"], antagonist="sarosi-dmsp-20-200n", radius=25, rest_length="300",

@@ -59,6 +59,15 @@ def test_a_rehearsal_tells_the_controller_the_hysteresis_of_the_file_and_what_is
     )
 
 
+def test_a_simulated_file_without_its_machine_is_said_to_be_unknown_to_the_controller(tmp_path, trajectory):
+    path = tmp_path / "plant.toml"
+    assert antagonist("init", path).exit_code == 0
+    unknown = f"the controller's model is the default joint, not {path}: give --machine {path} as well"
+    for machine, said in (((), True), (("--machine", path), False)):
+        result = antagonist("run", trajectory, "--device", f"sim:{path}", "--fast", "--quiet", *machine)
+        assert (unknown in result.output) is said
+
+
 @pytest.mark.slow
 def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
     out = tmp_path / "run.npz"
