@@ -22,13 +22,15 @@ from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
+from mpc.observer.base import Observer
 from mpc.plant_cli import PlantOptions
 from mpc.repetition.response import Response, doubted, postures, response
 from mpc.track_cli.options import MPC, NOMINAL, REAL, Request
 from mpc.track_cli.trial import Trial
 from mpc.trials.files import check_recordable
 from mpc.trials.loops import Settings, loop
-from mpc.trials.simulation import Run, in_motion
+from mpc.trials.motions.reference import Reference
+from mpc.trials.simulation import Controller, Run, in_motion
 
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
 _OFF = 0.05  # [-] error of the muscles' forces, on a real plant
@@ -50,23 +52,11 @@ def arm_trial(request: Request, opened: ExitStack) -> Trial:
     with waiting("building the controller"):
         controller, observer = loop(MPC, settings)
     film = _filmed(request.files, tested, given)
-    watching = [*catch, *([] if film is None else [film.watch])]
-    if request.arm.view:
-        watching.append(_window(tested, opened))
-
-    def watch() -> None:
-        for one in watching:
-            one()
-
-    def possible() -> tuple[Response, ...]:
-        model = _tested(given, machine, NOMINAL, 0)
-        model.supply.dead_time = settings.compensation.dead_time
-        return doubted([response(model, controller, observer, *postures(asked)[1])])
-
+    window = [_window(tested, opened)] if request.arm.view else []
     return Trial(
         MPC, settings, tested, controller, observer, asked,
         owner_of_arm(machine, request.arm, arm, request.load),
-        possible,
+        lambda: _responses(_tested(given, machine, NOMINAL, 0), settings, controller, observer, asked),
         about=[
             f"arm: {arm.summary}",
             *given.notes,
@@ -79,7 +69,7 @@ def arm_trial(request: Request, opened: ExitStack) -> Trial:
         with_margins=kind == REAL,
         title=f"mpc, {arm.summary}",
         hand=given.hand,
-        watch=watch if watching else None,
+        watches=[*catch, *([] if film is None else [film.watch]), *window],
         film=None if film is None else partial(_film, film),
     )  # fmt: skip
 
@@ -109,6 +99,14 @@ def _tested(given: Described, machine: PlantOptions, kind: str, seed: int) -> Mu
         signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
         effects |= {"force_gains": 1 + _OFF * signs, **_SENSORS}
     return MujocoPlant.of(arm, None if given.read is None else given.read.model, **effects)
+
+
+def _responses(
+    model: MujocoPlant, settings: Settings, controller: Controller, observer: Observer, asked: Reference
+) -> tuple[Response, ...]:
+    """Return the response of the loop on its model in the middle of a reference, and possible variations."""
+    model.supply.dead_time = settings.compensation.dead_time
+    return doubted([response(model, controller, observer, *postures(asked)[1])])
 
 
 def _known(machine: PlantOptions) -> Compensation:

@@ -1,6 +1,6 @@
 """One simulated run, its report and its files, of a joint or an arm."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,7 +45,7 @@ class Trial:
     with_margins: bool = True  # whether the report has a sentence on margins
     title: str = ""  # of pictures
     hand: Endpoint | None = None
-    watch: Callable[[], None] | None = None  # called after every sample
+    watches: Sequence[Callable[[], None]] = ()  # called after every sample
     film: Callable[[Run, Path], str] | None = None  # writes it; returns a sentence or ""
 
     @property
@@ -72,12 +72,15 @@ def driven(trial: Trial, repeated: RepeatOptions, seed: int, console: "Console")
         practice = practise(
             trial.tested, trial.controller, learner, seed=seed, progress=progress(console), **trial.conditions
         )
-        if trial.watch is None:
+        if not trial.watches:
             return Outcome(practice.best, practice)
         given = learner.reference  # the best one is played again for display
-    run = simulate(
-        trial.tested, trial.controller, given, seed=seed, watch=trial.watch, progress=True, **trial.conditions
-    )
+
+    def watch() -> None:
+        for one in trial.watches:
+            one()
+
+    run = simulate(trial.tested, trial.controller, given, seed=seed, watch=watch, progress=True, **trial.conditions)
     return Outcome(compared(run, asked), practice, begun)
 
 
