@@ -60,6 +60,7 @@ KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
 COARSE, FINE = 1e-4, 1e-6  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
 # a greater one may hold a limit that is not active, and to release it may break a hundred others
+UNSURE = 100.0  # [bar²] product by the curvature, above which the limits found are those of another problem
 HELD = 0.001  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
 LATE = 12  # turns, after which violated soft rows join the others at the point; before, it begins anew with them
 
@@ -105,7 +106,7 @@ def guessed(
         if not share > SHORT and stalls < STALLED:
             stalls = stalls + 1 if share > STUCK else STALLED
     take_charges(setting.cost, sweep)
-    if not product < HUGE:  # it has diverged: nothing is held
+    if not product < UNSURE * setting.curvature:  # far from the end, or it has diverged: nothing is held
         at.xi[:], at.v[:] = 0.0, 0.0
         return 0
     least = HELD / enough(lines) * setting.curvature
