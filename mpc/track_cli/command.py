@@ -86,6 +86,6 @@ def track_command(
             trial = joint_trial(request)
         outcome = driven(trial, repeated, tried.seed, console)
     reported(trial, outcome, learned, console)
-    written(trial, outcome.run, files, margins, console)
+    files = written(trial, outcome.run, files, margins, console)
     if show:
         shown(files)

@@ -37,6 +37,16 @@ def trajectory(tmp_path):
     return path
 
 
+def test_show_opens_every_picture_that_is_written(trajectory, tmp_path, monkeypatch):
+    opened, names = [], ("run.csv", "run.png", "margins.png")
+    monkeypatch.setattr("typer.launch", opened.append)
+    table, picture, margins = (tmp_path / name for name in names)
+    given = "--controller", "pid", "--plant", "nominal", "--dt", "0.02", "--margins", str(margins), "--show"
+    result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(table), "--out", str(picture), *given])
+    assert result.exit_code == 0, result.output
+    assert opened == [str(picture), str(margins)]
+
+
 def test_track_writes_picture_and_table_and_prints_the_figures(trajectory, tmp_path):
     out = tmp_path / "new" / "directory"
     result = CliRunner().invoke(app, ["track", str(trajectory), "--out", str(out), "--dt", "0.02", "--horizon", "12"])

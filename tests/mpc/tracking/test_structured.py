@@ -201,6 +201,27 @@ def test_multipliers_that_are_great_beside_small_distances_are_proved(blocks, nu
     np.testing.assert_allclose(structured.z, exact.z[:-2], atol=1e-7)
 
 
+UNFINISHED = {
+    "first": ([1.811, -0.08014, 87940.0, 262100.0], [348000.0, 27200.0], [154000.0, 3284.0], [0.0, 0.0],
+              [1.796, 0.2799, 0.4366, 7.34], 8.019),
+    "other": ([1.763, -0.08276, 90070.0, 267100.0], [357200.0, 25440.0], [152800.0, 3365.0], [0.0, 0.0],
+              [1.732, 0.2692, 0.4317, 7.499], 7.577),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("numbers", UNFINISHED.values(), ids=UNFINISHED.keys())
+def test_what_an_unfinished_barrier_has_found_is_not_held(numbers):
+    """Its 80 items had a singular factor: the commands were not numbers."""
+    mpc = TrackingMPC(Plant(), N=40, min_force=30.0)
+    given = situation(mpc, *numbers)
+    exact = certified(DAQP, dense(mpc, given), math.inf, mpc.problem.curvature)
+    assert exact.status is PlanStatus.OPTIMAL
+    answer = mpc._qp_step(*given, RICCATI, math.inf)
+    assert answer.status is PlanStatus.OPTIMAL
+    assert answer.qp is None
+    np.testing.assert_allclose(mpc._qp_step.structured.z, exact.z[:-2], atol=1e-6)
+
+
 def test_no_qp_takes_more_exchanges_than_the_bound_or_another_solver(mpc):
     rng, exchanges = np.random.default_rng(8), []
     for _ in range(300):
