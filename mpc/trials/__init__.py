@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from mpc.trials.motions.trajectories import usual_stiffness as usual_stiffness
     from mpc.trials.other_plant import other_plant as other_plant
     from mpc.trials.pictures.plotting import save_tracking_figure as save_tracking_figure
+    from mpc.trials.robust import NotRobust as NotRobust
     from mpc.trials.simulation import in_motion as in_motion
     from mpc.yardsticks.baselines import FeedForwardControl as FeedForwardControl
 else:

@@ -11,7 +11,7 @@ from math import exp, isfinite, log
 
 from allocator import checks
 from allocator.calculus import Value
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidInput, notice
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine, check_machine
 from mpc.observer.filter import Noise
@@ -19,13 +19,17 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import Weights
 from mpc.tracking.qp.step import CompilingBeside, SlowStep
-from mpc.trials.margins import ROBUST, linear, linear_model, margins, usual_postures
+from mpc.trials.margins import ROBUST, SLACK, linear, linear_model, margins, usual_postures
 
 QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a faster loop has a delay margin below two samples
 _LISTEN = 1.5  # [s], enough for the peak
 _ACCURACY = 0.02  # of log(M_s - 1)
 _SLOPE = -0.7  # usual slope of log(M_s - 1) over log s
 _TRIALS = 8
+
+
+class NotRobust(UserWarning):
+    """Warning that no detuning reaches the sensitivity peak that was asked for."""
 
 
 def robust_weights(
@@ -44,8 +48,9 @@ def robust_weights(
 
     A posture is a pair (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; None is the middle of `usual_postures`. The
     loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt, noise)`, both with `compensation`, `wait`
-    and `compiled`; dt is in seconds. s is limited to 0.75 to 32, so that a long dead time can lead to a greater peak.
-    Raises `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
+    and `compiled`; dt is in seconds. s is limited to 0.75 to 32. If the peak remains higher, as with a long dead time
+    or an observer that is too fast for the joint, the slowest weights are returned with the warning `NotRobust`. Raises
+    `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
     """
     check_machine(plant)
     checks.instance("compensation", compensation, Compensation | None, "a Compensation")
@@ -65,11 +70,20 @@ def robust_weights(
     with warnings.catch_warnings():
         for told_by_the_loop_itself in (CompilingBeside, SlowStep):
             warnings.simplefilter("ignore", told_by_the_loop_itself)
-        return Weights.calm(round(_root(excess), 2))
+        s, left = _root(excess)
+    reached = 1 + (wanted - 1) * exp(left)
+    if reached > wanted + SLACK:
+        peak = f"M_s = {reached:.2f} at best" if isfinite(reached) else "the loop does not settle"
+        notice(
+            f"no weights reach M_s = {wanted:g}: {peak} with the slowest ones; use less dead time, a smaller "
+            "`Noise.d_walk` of the observer, or `antagonist tune`, which searches both",
+            NotRobust,
+        )
+    return Weights.calm(round(s, 2))
 
 
-def _root(excess: Callable[[float], float]) -> float:
-    """Return the zero of `excess`, or the end of the range nearest to it."""
+def _root(excess: Callable[[float], float]) -> tuple[float, float]:
+    """Return the zero of `excess`, or the end of the range nearest to it, and its last value."""
     at, value, slope = 0.0, excess(1.0), _SLOPE
     for _ in range(_TRIALS):
         step = -value / slope if isfinite(value) else log(2.0)
@@ -80,4 +94,4 @@ def _root(excess: Callable[[float], float]) -> float:
         if isfinite(value) and isfinite(new):
             slope = min((new - value) / (after - at), _SLOPE / 4)  # always falling
         at, value = after, new
-    return exp(at)
+    return exp(at), value

@@ -13,7 +13,7 @@ from mpc.trials.loops import Settings, margins_in_words, robust
 from mpc.trials.margins import margins, usual_postures
 from mpc.trials.motions.reference import Reference
 from mpc.trials.pictures.report import plot_margins
-from mpc.trials.robust import SLOWEST, _root
+from mpc.trials.robust import SLOWEST, NotRobust, _root
 
 pytestmark = pytest.mark.compiles
 
@@ -78,9 +78,16 @@ class Quick:
 
 
 def test_the_search_ends_at_the_end_of_the_range_where_no_detuning_is_enough():
-    assert _root(lambda s: np.inf) == pytest.approx(SLOWEST)
-    assert _root(lambda s: 1.0) == pytest.approx(SLOWEST)
-    assert _root(lambda s: 1.3 - np.log(s)) == pytest.approx(np.exp(1.3), rel=0.05)
+    assert _root(lambda s: np.inf) == (pytest.approx(SLOWEST), np.inf)
+    assert _root(lambda s: 1.0) == (pytest.approx(SLOWEST), 1.0)
+    assert _root(lambda s: 1.3 - np.log(s))[0] == pytest.approx(np.exp(1.3), rel=0.05)
+
+
+def test_weights_that_are_not_robust_are_not_returned_in_silence():
+    slow = Compensation(dead_time=0.25)
+    with pytest.warns(NotRobust, match=r"no weights reach M_s = 1.1: .*Noise.d_walk"):
+        weights = robust_weights(PLANT, compensation=slow, sensitivity_peak=1.1)
+    assert weights == Weights.calm(SLOWEST)
 
 
 def test_wrong_numbers_are_refused():
