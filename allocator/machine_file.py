@@ -31,6 +31,7 @@ corner = 0.04                  # [Hz] below which slow motions are isothermal; o
 
 [source]                       # where the numbers come from, for the reader; not read by `load`
 encoder_zero_deg = 0.3         # reading at 0 of the joint; loops on a device and fits subtract it
+encoder_zero_std_deg = 0.0     # of its fit; 0: it was given, and fits hold it
 
 [plant], [bodies], [regulators]  # motion, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
@@ -272,6 +273,12 @@ def encoder_zero_in(file: Table) -> float:
     if abs(zero) > 2 * pi:
         raise table.fault(f"encoder_zero_deg = {zero / DEG:g} is over a turn")
     return zero
+
+
+def encoder_zero_known_in(file: Table) -> bool:
+    """Return whether that zero was given rather than fitted: its standard deviation in [source] is 0."""
+    table = file.table("source")
+    return table is not None and table.entries.get("encoder_zero_std_deg") == 0
 
 
 def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> AntagonistJoint:

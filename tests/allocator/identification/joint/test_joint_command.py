@@ -72,7 +72,8 @@ def test_the_mechanism_may_come_from_the_file_of_a_joint(table, tmp_path):
     assert result.exit_code == 0, result.output
     joint, content = load_joint(tmp_path / "joint.toml"), (tmp_path / "joint.toml").read_text()
     assert joint.geometry == pulleys
-    assert "inertia = 0.02" in content and "gravity_torque" not in content  # --gravity 0 leaves it in the muscles
+    assert "inertia = 0.02" in content
+    assert "gravity_torque" not in content  # --gravity 0 leaves it in the muscles
     assert joint.pressure_limits == (0.0, 5 * BAR)  # as the file says, whatever was read
     assert "limits are those of the rests: its angles" in " ".join(result.output.split())
 
