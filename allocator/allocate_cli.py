@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from allocator.allocation.two_muscles.result import PairAllocation
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
+    from allocator.joint.gravity import Gravity
     from allocator.mechanism.mechanism import Mechanism
 
 _NOT_MET = 3  # exit code
@@ -42,7 +43,11 @@ def allocate_command(
     hand: HandOptions,
     theta: Annotated[float | None, typer.Option(help="joint angle [degrees]")] = None,
     torque: Annotated[
-        str, typer.Option(help="torque target [N·m]; of several joints one number per joint, with commas")
+        str,
+        typer.Option(
+            help="torque target [N·m], beyond the gravity in [plant] of a joint's file; of several joints one number "
+            "per joint, with commas"
+        ),
     ] = "0",
     at_least: Annotated[
         bool,
@@ -67,14 +72,16 @@ def allocate_command(
     from rich.console import Console
 
     from allocator.allocation import Method
+    from allocator.files.toml import Table as Toml
     from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gravity import Gravity
     from allocator.joint.limits import Limits
 
     if priority not in ("torque", "stiffness"):
         raise InvalidInput(
             f"--priority {priority}: choose torque or stiffness; allocate() in Python also takes weights"
         )
-    machine = options.build()
+    machine, weight = options.build(), ""
     asked: dict[str, Any] = {
         "priority": priority,
         "method": Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
@@ -85,9 +92,12 @@ def allocate_command(
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
         meant = stiffness_options.meant(options.file)
-        one = _of_one(machine, theta, stiffness, torque, meant, **asked)
+        pulled = Gravity() if options.file is None else Gravity.of_file(Toml.read(options.file))
+        one = _of_one(machine, theta, stiffness, torque, pulled, meant, **asked)
         damping = stiffness_options.damping(options.file)
         values, tables, success = _values_of_one(one, damping), [_table(one, damping)], one.success
+        values["gravity_Nm"] = float(pulled.moment(theta * DEG))
+        weight = f"{values['gravity_Nm']:.3g} N·m of the torque hold the link against its gravity" if pulled.torque else ""
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
@@ -100,7 +110,7 @@ def allocate_command(
     else:
         console = Console()
         console.print(*tables, sep="\n")
-        say(console, _of_hand(values), values["message"])
+        say(console, weight, _of_hand(values), values["message"])
     if not success:
         raise typer.Exit(_NOT_MET)
 
@@ -109,7 +119,13 @@ def allocate_command(
 
 
 def _of_one(
-    joint: "AntagonistJoint", theta: float, stiffness: str, torque: str, meant: "Stiffness", **asked: Any
+    joint: "AntagonistJoint",
+    theta: float,
+    stiffness: str,
+    torque: str,
+    gravity: "Gravity",
+    meant: "Stiffness",
+    **asked: Any,
 ) -> "PairAllocation":
     from allocator.allocation import allocate
 
@@ -117,7 +133,7 @@ def _of_one(
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
     K, T = _one("--stiffness", stiffness, "N·m/rad"), _one("--torque", torque, "N·m")
-    return allocate(theta * DEG, K, T, joint=joint, stiffness=meant, **asked)
+    return allocate(theta * DEG, K, T + float(gravity.moment(theta * DEG)), joint=joint, stiffness=meant, **asked)
 
 
 def _one(option: str, text: str, unit: str) -> float:

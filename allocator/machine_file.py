@@ -62,8 +62,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from allocator import checks
-from allocator.errors import InvalidInput, MissingBackend
+from allocator import checks, rough_tables
+from allocator.errors import InvalidInput, MissingBackend, notice_once
 from allocator.files.atomic import write_text
 from allocator.files.text import FilePath
 from allocator.files.toml import Table, entries, section
@@ -249,7 +249,13 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     led, muscles = _routes(routes, str(kind)), _muscles(file)
     gas = file.table("gas")
     more = {"gas": AIR if gas is None else gas.made(Gas)}
-    return _joint(file, limits, led, muscles, more) if one else _mechanism(file, limits, led, muscles, more)
+    machine = _joint(file, limits, led, muscles, more) if one else _mechanism(file, limits, led, muscles, more)
+    try:
+        if doubtful := rough_tables.check(machine):
+            notice_once(f"{file.path}: {doubtful}", rough_tables.RoughTable)
+    except InvalidInput as error:
+        raise routes.fault(error) from None
+    return machine
 
 
 def scale_known_in(file: Table) -> bool:

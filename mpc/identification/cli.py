@@ -155,8 +155,8 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
     if plant is not None and plant.errors.every > _WORSE * fit.error.every:
         say(
             console,
-            f"beware: the plant's file errs by {plant.errors.every / DEG:.2g}° over the log, over {_WORSE:g} times as much "
-            "as the fit: its muscles cannot hold all angles of the log; measure rests near the ends of the range",
+            f"beware: the plant's file errs by {plant.errors.every / DEG:.2g}° over the log, the fit by only "
+            f"{fit.error.every / DEG:.2g}°: its muscles cannot hold all angles of the log; measure rests near the ends",
         )
     say(console, *(f"beware: {warning}" for warning in fit.warnings))
     say(console, *(f"not seen by this log: {sentence}" for sentence in fit.unseen))

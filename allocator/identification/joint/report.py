@@ -16,6 +16,7 @@ from allocator.identification.least_squares import at_bound, determine, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.muscles.monotonicity import FAILS
+from allocator.rough_tables import ROUGH, doubt, sentence
 from allocator.units import BAR, DEG
 
 _DETERMINANT_GRID = 7
@@ -48,6 +49,7 @@ class Findings(NamedTuple):
     hysteresis_share: float
     std: Mapping[str, float]  # of the unknowns by name
     scale_std: float | None
+    rough: float  # greatest doubt of the stiffness by a table
 
 
 def checked(problem: JointProblem, x: Array) -> Unknowns:
@@ -190,6 +192,7 @@ def findings(
         slack=int((problem.shares(u) < problem.taut_min).sum()),
         hysteresis_share=_hysteresis_share(problem, u),
         std=std,
+        rough=max(map(doubt, joints)),
         scale_std=None if problem.conventional else _scale_std(problem, u, covariance),
     )
 
@@ -208,6 +211,8 @@ def _of_the_model(problem: JointProblem, x: Array, found: Findings) -> Iterator[
         yield f"{FAILS}: {found.failure}"
     if not found.determinant_positive:
         yield "det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere"
+    if found.rough > ROUGH:
+        yield sentence(found.rough)
     if found.slack and problem.pull is None:  # an assumed pull share implies assumed slack cables
         yield f"{found.slack} of {2 * problem.samples.n} muscle forces are below {problem.taut_min:.0%} of the mean"
 
