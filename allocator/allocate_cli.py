@@ -97,7 +97,9 @@ def allocate_command(
         damping = stiffness_options.damping(options.file)
         values, tables, success = _values_of_one(one, damping), [_table(one, damping)], one.success
         values["gravity_Nm"] = float(pulled.moment(theta * DEG))
-        weight = f"{values['gravity_Nm']:.3g} N·m of the torque hold the link against its gravity" if pulled.torque else ""
+        weight = (
+            f"{values['gravity_Nm']:.3g} N·m of the torque hold the link against its gravity" if pulled.torque else ""
+        )
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")

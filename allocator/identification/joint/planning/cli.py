@@ -8,7 +8,9 @@ import typer
 from rich.console import Console
 
 from allocator.files.atomic import write_text
+from allocator.files.toml import Table
 from allocator.identification.joint.planning.plan import LEVELS, JointPlan, plan_joint_experiment
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.shell.machine_options import MachineOptions
 from allocator.shell.options import grouped, within
 from allocator.shell.outputs import AsJSON, Force, check_ending, claim, print_json, say, write
@@ -53,6 +55,7 @@ def plan_joint_command(
         noise=noise * DEG,
         weights=weight,
         setpoints=setpoints,
+        gravity=NO_GRAVITY if options.file is None else Gravity.of_file(Table.read(options.file)),
         pressures=None if lowest is None else np.linspace(lowest * BAR, supply, LEVELS),
     )
     console = Console(stderr=as_json)
