@@ -17,7 +17,7 @@ from allocator.identification.options import LogOptions, clock
 from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.machine_file import encoder_zero_in, encoder_zero_known_in, joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import grouped
+from allocator.shell.options import grouped, within
 from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
 from allocator.units import BAR, DEG
 
@@ -66,6 +66,7 @@ def fit_motion_command(
     In the tables, taut rows have no pressure below 1.5 bar. The gain is the slope of the static angle over that of
     --machine (1: they agree). Inertia and damping are divided by the joint's stiffness, but not in the file of --out.
     """
+    within("--zero", zero, "degrees", -360, 360)
     claim_result(out, plot, inputs=(*log, machine), force=force)
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give its joint with --machine, a file of fit-joint")

@@ -295,6 +295,8 @@ class _Written:
             numbers["gas"] = self.fit.problem.gas
         elif "gas" in self.known:
             numbers["gas"] = self.known["gas"]
+        if numbers.get("gas") and "frequency" in self.known:
+            numbers["frequency"] = self.known["frequency"]
         with TemporaryDirectory() as directory:
             path = Path(directory) / "plant.toml"
             path.write_text(self.text(numbers, {}), encoding="utf-8")

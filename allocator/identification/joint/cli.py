@@ -101,6 +101,7 @@ def fit_joint_command(
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--dead-band", dead_band, "bar", 0, 100)
+    within("--zero", zero, "degrees", -360, 360)
     if group is not None and out is None:
         raise InvalidInput("--group chooses the joint that --out writes: pass --out as well")
     claim_result(out, plot, inputs=(*log, machine), force=force)
@@ -170,6 +171,8 @@ def _said(file: Table | None, stops: str | None, supply: float | None) -> Said:
     ends = None
     if stops is not None:
         low, high = numbers("--stops", stops, 2, 2, "-45:45")
+        within("--stops", low, "degrees", -360, 360)
+        within("--stops", high, "degrees, from low to high", low + 0.1, 360)
         ends = low * DEG, high * DEG
     return Said.of(file, ends, None if supply is None else (0.0, supply * BAR))
 

@@ -4,12 +4,15 @@ import tomllib
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from allocator import BAR, DEG, AntagonistJoint, Pulley
 from allocator.identification import fit_motion
 from allocator.joint.gravity import Gravity
+from allocator.machine_file import save_machine
 from allocator.muscles import MODELS
 from mpc import Plant
+from mpc.cli import app
 from mpc.identification.plant import IdentifiedPlant, free_run
 from mpc.model.real import RealPlant
 
@@ -65,6 +68,23 @@ def test_the_file_of_a_pendulum_has_its_gravity_beside_its_muscles(log, tmp_path
     rows = slice(100, None, 50)
     true = _stiffness(theta[rows], P1[rows], P2[rows])
     np.testing.assert_allclose(loaded.joint.stiffness(theta[rows], P1[rows], P2[rows]), true, rtol=0.05)
+
+
+@pytest.mark.slow
+def test_the_command_takes_gravity_and_a_held_zero_from_the_joint_s_file(log, tmp_path):
+    joint, rows, out = tmp_path / "joint.toml", tmp_path / "log.csv", tmp_path / "plant.toml"
+    save_machine(JOINT, joint, source={"encoder_zero_deg": 2.0, "encoder_zero_std_deg": 0.0})
+    with joint.open("a") as file:
+        file.write("\n[plant]\ngravity_torque = 1.5\nhanging_angle = 0.3\nslew = 700000.0\n")
+    t, theta, P1, P2 = log
+    table = np.column_stack([t, theta / DEG + 2.0, P1 / BAR, P2 / BAR])
+    np.savetxt(rows, table, delimiter=",", header="time [s],theta [deg],P1 [bar],P2 [bar]", comments="")
+    result = CliRunner().invoke(app, ["fit-motion", str(rows), "--machine", str(joint), "--no-gas", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    written = tomllib.loads(out.read_text())
+    assert written["source"]["encoder_zero_deg"] == pytest.approx(2.0, abs=1e-3)
+    assert written["plant"]["slew"] == 7e5
+    assert Plant.load(out).gravity == HANGING
 
 
 @pytest.mark.slow
