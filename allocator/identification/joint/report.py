@@ -192,7 +192,7 @@ def findings(
         slack=int((problem.shares(u) < problem.taut_min).sum()),
         hysteresis_share=_hysteresis_share(problem, u),
         std=std,
-        rough=max(map(doubt, joints)),
+        rough=max(map(doubt, joints), default=0.0),
         scale_std=None if problem.conventional else _scale_std(problem, u, covariance),
     )
 

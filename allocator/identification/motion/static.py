@@ -86,7 +86,10 @@ class Equilibrium:
 
     def muscles_share(self, P1: Array, P2: Array) -> Array:
         """Return the muscles' share (…) [-] of that stiffness."""
-        return self._at(P1, P2, self._grids[2]) if self.gravity.torque else np.ones(np.shape(P1))
+        if not self.gravity.torque:
+            return np.ones(np.shape(P1))
+        K = self.stiffness(P1, P2)
+        return np.divide(self._at(P1, P2, self._grids[2]), K, out=np.ones(K.shape), where=K > 0)
 
     def _at(self, P1: Array, P2: Array, grid: Array) -> Array:
         """Return a quantity (…) interpolated bilinearly between its values `grid` (P1, P2), the nearest outside."""
@@ -121,7 +124,7 @@ class Equilibrium:
 
     @cached_property
     def _grids(self) -> tuple[Array, Array, Array]:
-        """Return angle [rad], stiffness [N·m/rad] and the muscles' share of it [-] on the grid of pressures.
+        """Return angle [rad], stiffness and the muscles' part of it [N·m/rad] on the grid of pressures.
 
         Where there are none, they are the nearest.
         """
@@ -141,9 +144,8 @@ class Equilibrium:
                 "not the joint of this log"
             )
         muscles = wide.stiffness(theta[known], P1[known], P2[known])
-        K = muscles + self.gravity.stiffness(theta[known])
         found = np.full((*theta.shape, 3), np.nan)
-        found[known] = np.stack([theta[known], K, muscles / K], axis=-1)
+        found[known] = np.stack([theta[known], muscles + self.gravity.stiffness(theta[known]), muscles], axis=-1)
         nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), found[known])
         there = np.where(known[..., None], found, nearest(P1, P2))
         return there[..., 0], there[..., 1], there[..., 2]

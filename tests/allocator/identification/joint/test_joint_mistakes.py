@@ -110,7 +110,7 @@ def test_swapped_directions_show_as_negative_friction_beyond_its_doubt_and_are_n
     assert not (tmp_path / "joint.toml").exists()
     u = fit.problem.unknowns(fit.x)
     found = report.findings(fit.problem, u, [], fit.doubt.covariance, True)
-    assert found.friction_std == pytest.approx(fit.standard_deviations["friction"])
+    assert found.std["friction"] == pytest.approx(fit.standard_deviations["friction"])
     doubted = found._replace(friction_std=abs(fit.friction))
     assert not any("swapped" in said for said in report.warnings(fit.problem, fit.x, u, doubted))
 
