@@ -111,7 +111,7 @@ def test_swapped_directions_show_as_negative_friction_beyond_its_doubt_and_are_n
     u = fit.problem.unknowns(fit.x)
     found = report.findings(fit.problem, u, [], fit.doubt.covariance, True)
     assert found.std["friction"] == pytest.approx(fit.standard_deviations["friction"])
-    doubted = found._replace(friction_std=abs(fit.friction))
+    doubted = found._replace(std={**found.std, "friction": abs(fit.friction)})
     assert not any("swapped" in said for said in report.warnings(fit.problem, fit.x, u, doubted))
 
 
