@@ -16,7 +16,7 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.mechanism.routes import Tables
 from allocator.units import PERCENT
 
-ROUGH, TOO_ROUGH = 0.1, 0.25  # s of a table that deserves a warning, and of one that is refused
+ROUGH, TOO_ROUGH = 0.2, 0.3  # s of a table that deserves a warning, and of one that is refused
 _ANGLES = 15
 
 

@@ -20,7 +20,7 @@ ANGLES = np.linspace(-0.96, 0.96, 11)
 def _table(step):
     """A cam of 21 mm whose lengths are read in steps [m]; 0: exactly."""
     shortened = 0.021 * ANGLES + 0.0025 * ANGLES**2 - 0.002 * ANGLES**3
-    lengths = [0.2625 - shortened, 0.2625 - shortened[::-1]]
+    lengths = [0.27 - shortened, 0.27 - shortened[::-1]]
     rounded = [np.round(x / step) * step if step else x for x in lengths]
     return Table(0.3, ANGLES, *(1 - x / 0.3 for x in rounded))
 
@@ -60,7 +60,7 @@ def test_a_file_with_a_rough_table_is_warned_of_or_refused(tmp_path):
 
 def test_tables_of_a_mechanism_are_judged_alike():
     q = np.linspace(-0.96, 0.96, 11)
-    exact = np.stack([0.26 - 0.021 * q - 0.002 * q**2, 0.26 + 0.021 * q - 0.002 * q**2], axis=-1)
+    exact = np.stack([0.27 - 0.021 * q - 0.002 * q**2, 0.27 + 0.021 * q - 0.002 * q**2], axis=-1)
     smooth, rounded = (Mechanism(Tables(0.3, [q], x), (MUSCLE, MUSCLE)) for x in (exact, np.round(exact / 5e-5) * 5e-5))
     assert doubt(smooth) < 1e-6
     assert doubt(rounded) > ROUGH
