@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from allocator.allocation.two_muscles.result import PairAllocation
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
-    from allocator.joint.gravity import Gravity
     from allocator.mechanism.mechanism import Mechanism
 
 _NOT_MET = 3  # exit code
@@ -81,7 +80,7 @@ def allocate_command(
         raise InvalidInput(
             f"--priority {priority}: choose torque or stiffness; allocate() in Python also takes weights"
         )
-    machine, weight = options.build(), ""
+    machine = options.build()
     asked: dict[str, Any] = {
         "priority": priority,
         "method": Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
@@ -92,14 +91,11 @@ def allocate_command(
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
         meant = stiffness_options.meant(options.file)
-        pulled = Gravity() if options.file is None else Gravity.of_file(Toml.read(options.file))
-        one = _of_one(machine, theta, stiffness, torque, pulled, meant, **asked)
+        weight = 0.0 if options.file is None else float(Gravity.of_file(Toml.read(options.file)).moment(theta * DEG))
+        one = _of_one(machine, theta, stiffness, torque, weight, meant, **asked)
         damping = stiffness_options.damping(options.file)
         values, tables, success = _values_of_one(one, damping), [_table(one, damping)], one.success
-        values["gravity_Nm"] = float(pulled.moment(theta * DEG))
-        weight = (
-            f"{values['gravity_Nm']:.3g} N·m of the torque hold the link against its gravity" if pulled.torque else ""
-        )
+        values["gravity_Nm"] = weight
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
@@ -112,7 +108,7 @@ def allocate_command(
     else:
         console = Console()
         console.print(*tables, sep="\n")
-        say(console, weight, _of_hand(values), values["message"])
+        say(console, _of_gravity(values), _of_hand(values), values["message"])
     if not success:
         raise typer.Exit(_NOT_MET)
 
@@ -125,7 +121,7 @@ def _of_one(
     theta: float,
     stiffness: str,
     torque: str,
-    gravity: "Gravity",
+    weight: float,
     meant: "Stiffness",
     **asked: Any,
 ) -> "PairAllocation":
@@ -135,7 +131,12 @@ def _of_one(
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
     K, T = _one("--stiffness", stiffness, "N·m/rad"), _one("--torque", torque, "N·m")
-    return allocate(theta * DEG, K, T + float(gravity.moment(theta * DEG)), joint=joint, stiffness=meant, **asked)
+    return allocate(theta * DEG, K, T + weight, joint=joint, stiffness=meant, **asked)
+
+
+def _of_gravity(values: dict[str, Any]) -> str:
+    weight = values.get("gravity_Nm")
+    return f"{weight:.3g} N·m of the torque hold the link against its gravity" if weight else ""
 
 
 def _one(option: str, text: str, unit: str) -> float:

@@ -143,24 +143,29 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         table.add_row(label.quantity, f"{e.value / label.unit:.3g}", f"{low} … {high}", label.symbol)
     console.print(table)
     if plant is not None:
-        if not fit.scale_known:
-            say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
-        if plant.seen_slew:
-            fast = f"slew {plant.seen_slew / BAR:.3g} bar/s: the fastest commands of this log, over a lag"
-            say(console, f"{fast} (set it with --slew of later commands, or in [plant])")
-        if plant.assumed:
-            told = " (set it with --slew of later commands, or in [plant])" if "slew" in plant.assumed else ""
-            say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
+        _describe_plant(fit, plant, console)
     else:
         say(console, "no joint was given: the static angle is a polynomial of the pressures, and there is no plant")
-    if plant is not None and plant.errors.every > _WORSE * fit.error.every:
+    say(console, *(f"beware: {warning}" for warning in fit.warnings))
+    say(console, *(f"not seen by this log: {sentence}" for sentence in fit.unseen))
+
+
+def _describe_plant(fit: MotionFit, plant: "IdentifiedPlant", console: Console) -> None:
+    """Print the numbers of the plant that the log does not show, and a file that is worse than the fit."""
+    if not fit.scale_known:
+        say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
+    if plant.seen_slew:
+        fast = f"slew {plant.seen_slew / BAR:.3g} bar/s: the fastest commands of this log, over a lag"
+        say(console, f"{fast} (set it with --slew of later commands, or in [plant])")
+    if plant.assumed:
+        told = " (set it with --slew of later commands, or in [plant])" if "slew" in plant.assumed else ""
+        say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
+    if plant.errors.every > _WORSE * fit.error.every:
         say(
             console,
             f"beware: the plant's file errs by {plant.errors.every / DEG:.2g}° over the log, the fit by only "
             f"{fit.error.every / DEG:.2g}°: its muscles cannot hold all angles of the log; measure rests near the ends",
         )
-    say(console, *(f"beware: {warning}" for warning in fit.warnings))
-    say(console, *(f"not seen by this log: {sentence}" for sentence in fit.unseen))
 
 
 def _describe_drift(fit: MotionFit, console: Console) -> None:

@@ -322,8 +322,8 @@ class Plant:
 
     @property
     def _gas_text(self) -> str:
-        length = self.joint.geometry.rest_length
-        volumes = [muscle.volume_at_rest(length) / CM3 for muscle in (self.joint.agonist, self.joint.antagonist)]
+        joint, L = self.joint, self.joint.geometry.rest_length
+        volumes = [muscle.volume_at_rest(L) / CM3 for muscle in (joint.agonist, joint.antagonist)]
         volume = " and ".join(dict.fromkeys(f"{V:.3g}" for V in volumes))
         return f"gas with κ = {self.joint.gas.kappa:g} in {volume} cm³ at rest length"
 
@@ -358,8 +358,7 @@ class Plant:
         """Upper estimate of the fastest eigenvalue [1/s], which determines integration steps."""
         P = self.joint.pressure_limits[1]
         angles = np.linspace(*self.joint.angle_range, 9)
-        sides = self.joint.sides(angles)
-        K = float(np.max(sum(side.stiffness(P + 0 * angles) for side in sides)))
+        K = float(np.max(sum(side.stiffness(P + 0 * angles) for side in self.joint.sides(angles))))
         if self.gas is not None:
             sides = self.joint.sides(angles, _ALL)
             K += float(np.max(sum(trapped(side, P + 0 * angles) for side in sides)))

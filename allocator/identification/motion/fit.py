@@ -107,8 +107,7 @@ def fit_motion(
     if joint is not None and gas is not False:
         (full, taken), kinds = with_volumes(joint), [True] if gas else [False, True]
     problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held, zero, gravity)) for held in kinds]
-    sensed = None if measured is None else sensed_at(log.t, t, measured)
-    sensed = sensed if log.varies_speed else None
+    sensed = None if measured is None or not log.varies_speed else sensed_at(log.t, t, measured)
     trained, unseen = _trained(problems, early, sensed, tell)
     tell("all rows")
     found = trained.again(every)

@@ -221,17 +221,20 @@ class MotionFit:
         at = joint.equilibrium(P1, P2, gravity=self.gravity)
         muscles = float(np.median(joint.stiffness(at, P1, P2)))
         K = muscles + float(np.median(self.gravity.stiffness(at)))
-        H = self.problem.operator(x, run.weights)  # in the scale of the refitted muscles, as damping and inertia are
-        if H.stiffness is not None:
-            H = replace(H, stiffness=K)
-        elif self.gravity.torque and not self.problem.swings:
-            H = H.stiffened(K / muscles)  # its springs are shares of the muscles' stiffness alone
-        joint = replace(joint, hysteresis=H)
+        joint = replace(joint, hysteresis=self._scaled(self.problem.operator(x, run.weights), K, K / muscles))
         values = self.problem.values(x)
         if (age := self.parameters.get("reading_age")) is not None:
             old = min(age.value, values["dead_time"])
             values |= {"dead_time": values["dead_time"] - old, "reading_age": old}
         return MovingJoint(joint, zero, values, K, values["damping"] * K, values["inertia"] * K)
+
+    def _scaled(self, H: PrandtlIshlinskii, K: float, ratio: float) -> PrandtlIshlinskii:
+        """Return H in the scale of the refitted muscles, whose stiffness is that of the joint K over `ratio`."""
+        if H.stiffness is not None:
+            return replace(H, stiffness=K)
+        if self.problem.swings or not self.gravity.torque:
+            return H
+        return H.stiffened(ratio)  # its springs are shares of the stiffness of the muscles alone
 
     # --- in words ---------------------------------------------------------------------------------------------------
 
