@@ -42,7 +42,11 @@ def allocate_command(
     hand: HandOptions,
     theta: Annotated[float | None, typer.Option(help="joint angle [degrees]")] = None,
     torque: Annotated[
-        str, typer.Option(help="torque target [N·m]; of several joints one number per joint, with commas")
+        str,
+        typer.Option(
+            help="torque target [N·m], beyond the gravity in [plant] of a joint's file; of several joints one number "
+            "per joint, with commas"
+        ),
     ] = "0",
     at_least: Annotated[
         bool,
@@ -67,7 +71,9 @@ def allocate_command(
     from rich.console import Console
 
     from allocator.allocation import Method
+    from allocator.files.toml import Table as Toml
     from allocator.joint.antagonist import AntagonistJoint
+    from allocator.joint.gravity import Gravity
     from allocator.joint.limits import Limits
 
     if priority not in ("torque", "stiffness"):
@@ -85,9 +91,11 @@ def allocate_command(
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
         meant = stiffness_options.meant(options.file)
-        one = _of_one(machine, theta, stiffness, torque, meant, **asked)
+        weight = 0.0 if options.file is None else float(Gravity.of_file(Toml.read(options.file)).moment(theta * DEG))
+        one = _of_one(machine, theta, stiffness, torque, weight, meant, **asked)
         damping = stiffness_options.damping(options.file)
         values, tables, success = _values_of_one(one, damping), [_table(one, damping)], one.success
+        values["gravity_Nm"] = weight
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
@@ -100,7 +108,7 @@ def allocate_command(
     else:
         console = Console()
         console.print(*tables, sep="\n")
-        say(console, _of_hand(values), values["message"])
+        say(console, _of_gravity(values), _of_hand(values), values["message"])
     if not success:
         raise typer.Exit(_NOT_MET)
 
@@ -109,7 +117,13 @@ def allocate_command(
 
 
 def _of_one(
-    joint: "AntagonistJoint", theta: float, stiffness: str, torque: str, meant: "Stiffness", **asked: Any
+    joint: "AntagonistJoint",
+    theta: float,
+    stiffness: str,
+    torque: str,
+    weight: float,
+    meant: "Stiffness",
+    **asked: Any,
 ) -> "PairAllocation":
     from allocator.allocation import allocate
 
@@ -117,7 +131,12 @@ def _of_one(
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
     K, T = _one("--stiffness", stiffness, "N·m/rad"), _one("--torque", torque, "N·m")
-    return allocate(theta * DEG, K, T, joint=joint, stiffness=meant, **asked)
+    return allocate(theta * DEG, K, T + weight, joint=joint, stiffness=meant, **asked)
+
+
+def _of_gravity(values: dict[str, Any]) -> str:
+    weight = values.get("gravity_Nm")
+    return f"{weight:.3g} N·m of the torque hold the link against its gravity" if weight else ""
 
 
 def _one(option: str, text: str, unit: str) -> float:

@@ -10,7 +10,8 @@ from allocator.allocate_cli import allocate_command
 from allocator.errors import InvalidInput
 from allocator.feasibility.cli import map_command
 from allocator.identification.arm.cli import fit_arm_command
-from allocator.identification.joint.cli import fit_joint_command, plan_joint_command
+from allocator.identification.joint.cli import fit_joint_command
+from allocator.identification.joint.planning.cli import plan_joint_command
 from allocator.identification.muscle.cli import fit_command
 from allocator.shell.options import Command
 from allocator.shell.outputs import Force, check_ending, claim, say

@@ -31,6 +31,7 @@ corner = 0.04                  # [Hz] below which slow motions are isothermal; o
 
 [source]                       # where the numbers come from, for the reader; not read by `load`
 encoder_zero_deg = 0.3         # reading at 0 of the joint; loops on a device and fits subtract it
+encoder_zero_std_deg = 0.0     # of its fit; 0: it was given, and fits hold it
 
 [plant], [bodies], [regulators]  # motion, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
@@ -61,8 +62,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from allocator import checks
-from allocator.errors import InvalidInput, MissingBackend
+from allocator import checks, rough_tables
+from allocator.errors import InvalidInput, MissingBackend, notice_once
 from allocator.files.atomic import write_text
 from allocator.files.text import FilePath
 from allocator.files.toml import Table, entries, section
@@ -248,7 +249,13 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     led, muscles = _routes(routes, str(kind)), _muscles(file)
     gas = file.table("gas")
     more = {"gas": AIR if gas is None else gas.made(Gas)}
-    return _joint(file, limits, led, muscles, more) if one else _mechanism(file, limits, led, muscles, more)
+    machine = _joint(file, limits, led, muscles, more) if one else _mechanism(file, limits, led, muscles, more)
+    try:
+        if doubtful := rough_tables.check(machine):
+            notice_once(f"{file.path}: {doubtful}", rough_tables.RoughTable)
+    except InvalidInput as error:
+        raise routes.fault(error) from None
+    return machine
 
 
 def scale_known_in(file: Table) -> bool:
@@ -272,6 +279,12 @@ def encoder_zero_in(file: Table) -> float:
     if abs(zero) > 2 * pi:
         raise table.fault(f"encoder_zero_deg = {zero / DEG:g} is over a turn")
     return zero
+
+
+def encoder_zero_known_in(file: Table) -> bool:
+    """Return whether that zero was given rather than fitted: its standard deviation in [source] is 0."""
+    table = file.table("source")
+    return table is not None and table.entries.get("encoder_zero_std_deg") == 0
 
 
 def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> AntagonistJoint:

@@ -45,7 +45,8 @@ class PlantOptions(MachineOptions):
     gravity: Annotated[
         float | None,
         typer.Option(
-            help="gravity torque m g l of a link that hangs at 0° [N·m]; negative for one that stands. 0 by default"
+            help="gravity torque m g l of the link [N·m]; negative for one that stands. It hangs at the file's "
+            "hanging_angle, or at 0°. 0 by default"
         ),
     ] = None
     slew: Annotated[float | None, typer.Option(help="greatest rate of a commanded pressure [bar/s]; 5 by default")] = (

@@ -23,6 +23,7 @@ from allocator.joint import gas as trapped
 from allocator.joint.felt import Loop, Secant, loss_factor
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
 from allocator.joint.geometry import Geometry, Pulley
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.hysteresis import PrandtlIshlinskii, after_history, nearest_equilibrium
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
 from allocator.joint.one_muscle import OneMuscle
@@ -329,8 +330,9 @@ class AntagonistJoint:
         T: ArrayLike = 0.0,
         *,
         history: tuple[ArrayLike, ArrayLike] | None = None,
+        gravity: Gravity = NO_GRAVITY,
     ) -> Array:
-        """Return the stable (K > 0) angle [rad] with the torque `T` [N·m] at these pressures.
+        """Return the stable (K > 0) angle [rad] with the torque `T` [N·m], and `gravity`, at these pressures.
 
         NaN if there is none in the joint range; the one nearest to θ = 0 if a mechanism has several. Closed form (23),
         generalised to c ≠ 0 and T ≠ 0, for two equal Tondu2021 on a pulley; root finding otherwise.
@@ -338,13 +340,16 @@ class AntagonistJoint:
         With a `history` of earlier pressures (P1, P2) [Pa], rows (n,) in order, it is the angle after them, with the
         joint's `hysteresis`, or else its `friction` μ (Dahl's, see `allocator.joint.hysteresis`). The history starts at
         rest, without memory. P1 and P2, numbers or rows (m,), continue it in order; `T` is one number. With empty rows
-        it begins with P1, P2.
+        it begins with P1, P2. Gravity does not go with a history.
         """
         if history is not None:
+            if gravity.torque:
+                raise InvalidInput("equilibrium: gravity does not go with a history")
             return after_history(self, history, P1, P2, checks.number("T", T, "N·m"))
         one, two = checks.pressures_or_symbols(P1, P2)
         flat = checks.broadcast(P1=one, P2=two, T=checks.real("T", T, "N·m"))
-        theta = self.tondu_pulley.equilibrium(*flat) if self.tondu_pulley else nearest_equilibrium(self, *flat)
+        closed = None if gravity.torque else self.tondu_pulley
+        theta = closed.equilibrium(*flat) if closed else nearest_equilibrium(self, gravity, *flat)
         left, right = self.angle_range
         return np.asarray(np.where((theta >= left) & (theta <= right), theta, np.nan))
 

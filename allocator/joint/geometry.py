@@ -239,7 +239,7 @@ def fraction(geometry: Geometry, *names: str) -> None:
 
 _MOST_ARM = 0.1  # of the greatest arm: a table with a greater error is refused
 _MOST_BEND = 0.2  # of the greatest arm, per radian
-_FEWEST = 9  # samples of a joint, for which half of them suffice
+FEWEST = 9  # samples of a joint, for which half of them suffice
 
 
 class TableError(NamedTuple):
@@ -275,7 +275,7 @@ def check_table(kind: str, error: TableError, arms: Array, samples: int) -> None
     Raises `InvalidInput`. A table of fewer than nine samples has too small halves, and passes.
     """
     wrong = (error.arm > _MOST_ARM * arms) | (error.bend > _MOST_BEND * arms)
-    if samples < _FEWEST or not wrong.any():
+    if samples < FEWEST or not wrong.any():
         return
     j = int(np.argmax(np.where(wrong, error.bend / arms, -np.inf)))
     where = ", ".join(f"{angle:.3g}" for angle in error.posture[j])

@@ -33,7 +33,7 @@ with e_i0 or z_0 of the previous angle: exact for any rotation in one direction 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from math import copysign, exp, inf
@@ -45,6 +45,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value, is_symbol, rising_roots
 from allocator.errors import InvalidInput
+from allocator.joint.gravity import Gravity
 from allocator.units import BAR, DEG
 
 FILLED = 5 * BAR  # P1 + P2 [Pa] of the given widths
@@ -192,6 +193,12 @@ class PrandtlIshlinskii:
         thresholds = tuple(sum(w[i] * (r[j] - r[i]) for i in range(j)) for j in range(1, len(r)))
         weights = tuple(-w[j] / (W[j] * W[j - 1]) for j in range(1, len(r)))
         return PrandtlIshlinskii((1 / w[0], *weights), thresholds, base=self.base, stiffness=self.stiffness)
+
+    def stiffened(self, factor: float) -> "PrandtlIshlinskii":
+        """Return the operator, of gain 1, whose springs as friction are stiffer by a `factor`."""
+        back = self.inverse
+        springs = tuple(factor * w for w in back.weights[1:])
+        return replace(back, weights=(1 - sum(springs), *springs)).inverse
 
     @cached_property
     def slip(self) -> Slip:
@@ -342,12 +349,12 @@ if TYPE_CHECKING:
 _REGIONS = 64  # of the joint range, each searched for one equilibrium
 
 
-def nearest_equilibrium(joint: "AntagonistJoint", P1: Array, P2: Array, T: Array) -> Array:
-    """Return the stable equilibrium [rad] nearest to 0 with the torque T [N·m] at pressures [Pa]; NaN for none."""
+def nearest_equilibrium(joint: "AntagonistJoint", gravity: Gravity, P1: Array, P2: Array, T: Array) -> Array:
+    """Return the stable equilibrium [rad] nearest to 0 with a torque [N·m] and gravity at pressures [Pa], else NaN."""
 
     def lacking(theta: Array, P1: Array, P2: Array, T: Array) -> Array:
         agonist, antagonist = joint.sides(theta)
-        return np.asarray(T - agonist.torque(P1) - antagonist.torque(P2))
+        return np.asarray(T + gravity.moment(theta) - agonist.torque(P1) - antagonist.torque(P2))
 
     left, right = (np.asarray(end) for end in joint.angle_range)
     found = rising_roots(lacking, left, right, P1, P2, T, pieces=_REGIONS)  # rising: K > 0

@@ -26,14 +26,14 @@ leaves their dead band:
 A sine of external torque, increased smoothly to avoid transients, is held for whole periods. With the first harmonics
 T̂ of the torque and θ̂ of the angle
 
-    K_measured(f) = T̂/θ̂ + J (2πf)² - 2πi f b - m g l cos θ_0
+    K_measured(f) = T̂/θ̂ + J (2πf)² - 2πi f b - m g l cos(θ_0 - θ_h)
 
 inertia, damping and gravity being those of the model. Friction is part of the felt stiffness. The torque is constant
 over each sample h, so that T̂ is that of the sine times exp(-πi f h) sin(πfh)/(πfh).
 """
 
 from dataclasses import dataclass, replace
-from math import ceil, cos, pi
+from math import ceil, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -298,7 +298,7 @@ def felt(
 def _passive(model: Plant, x: Array, f: float) -> complex:
     """Return the contribution of link and gravity to the felt stiffness."""
     omega = 2 * pi * f
-    return -model.inertia * omega**2 + 1j * omega * model.damping + model.gravity_torque * cos(x[0])
+    return -model.inertia * omega**2 + 1j * omega * model.damping + float(model.gravity.stiffness(x[0]))
 
 
 def _shaken(

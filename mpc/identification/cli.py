@@ -14,11 +14,12 @@ from allocator.identification.motion.plotting import plot_motion_fit
 from allocator.identification.motion.result import LABELS, MotionFit
 from allocator.identification.motion.samples import read_motion_log
 from allocator.identification.options import LogOptions, clock
-from allocator.machine_file import encoder_zero_in, joint_from, scale_known_in
+from allocator.joint.gravity import NO_GRAVITY, Gravity
+from allocator.machine_file import encoder_zero_in, encoder_zero_known_in, joint_from, scale_known_in
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import grouped
+from allocator.shell.options import grouped, within
 from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
-from allocator.units import DEG
+from allocator.units import BAR, DEG
 
 if TYPE_CHECKING:
     from mpc.identification.plant import IdentifiedPlant
@@ -37,6 +38,10 @@ def fit_motion_command(
     ] = None,
     *,
     source: LogOptions,
+    zero: Annotated[
+        float | None,
+        typer.Option(help="known encoder reading at θ = 0 [degrees]; by default that of --machine, fitted unless held"),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="TOML file to write the plant to, for --machine")] = None,
     gas: Annotated[
         bool | None,
@@ -61,6 +66,7 @@ def fit_motion_command(
     In the tables, taut rows have no pressure below 1.5 bar. The gain is the slope of the static angle over that of
     --machine (1: they agree). Inertia and damping are divided by the joint's stiffness, but not in the file of --out.
     """
+    within("--zero", zero, "degrees", -360, 360)
     claim_result(out, plot, inputs=(*log, machine), force=force)
     if out is not None and machine is None:
         raise InvalidInput("--out writes a plant with muscles: give its joint with --machine, a file of fit-joint")
@@ -68,8 +74,8 @@ def fit_motion_command(
     data = source.read(read_motion_log, log)
     say(console, *data.notes)
     content = None if machine is None else toml.Table.read(machine)
-    _refuse_gravity(content)
     given = None if content is None else joint_from(content, scale_needed=False)
+    held, known = (None, False) if content is None else (encoder_zero_in(content), encoder_zero_known_in(content))
     with clock(console) as bar:
         task = bar.add_task("fitting", total=STEPS)
         fit = fit_motion(
@@ -78,7 +84,9 @@ def fit_motion_command(
             data.P1,
             data.P2,
             joint=given,
-            zero=0.0 if content is None else encoder_zero_in(content),
+            zero=zero * DEG if zero is not None else held or 0.0,
+            hold_zero=known or zero is not None,
+            gravity=NO_GRAVITY if content is None else Gravity.of_file(content),
             measured=data.measured,
             scale_known=content is None or scale_known_in(content),
             gas=gas,
@@ -94,14 +102,7 @@ def fit_motion_command(
     write(plot, lambda path: save_figure(plot_motion_fit(fit), path, dpi=120), console)
 
 
-def _refuse_gravity(content: toml.Table | None) -> None:
-    """Raise `InvalidInput` for a joint with gravity, which the fit would count twice or not at all."""
-    plant = None if content is None else content.table("plant")
-    if content is not None and plant is not None and plant.entries.get("gravity_torque"):
-        raise InvalidInput(
-            f"{content.path}: gravity_torque = {plant.entries['gravity_torque']} N·m: fit-motion has no gravity; leave "
-            "it out, and give a joint whose muscles contain the gravity (fit-joint without a column of its torque)"
-        )
+_WORSE = 2.0  # times the error of the fit: error of a plant's file that deserves a warning
 
 
 def _plant(fit: MotionFit, joint: Path) -> "IdentifiedPlant":
@@ -142,15 +143,29 @@ def _describe(fit: MotionFit, plant: "IdentifiedPlant | None", console: Console)
         table.add_row(label.quantity, f"{e.value / label.unit:.3g}", f"{low} … {high}", label.symbol)
     console.print(table)
     if plant is not None:
-        if not fit.scale_known:
-            say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
-        if plant.assumed:
-            told = " (set it with --slew of later commands, or in [plant])" if "slew" in plant.assumed else ""
-            say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
+        _describe_plant(fit, plant, console)
     else:
         say(console, "no joint was given: the static angle is a polynomial of the pressures, and there is no plant")
     say(console, *(f"beware: {warning}" for warning in fit.warnings))
     say(console, *(f"not seen by this log: {sentence}" for sentence in fit.unseen))
+
+
+def _describe_plant(fit: MotionFit, plant: "IdentifiedPlant", console: Console) -> None:
+    """Print the numbers of the plant that the log does not show, and a file that is worse than the fit."""
+    if not fit.scale_known:
+        say(console, "the joint's force scale is unknown: inertia, damping and stiffness are known up to it")
+    if plant.seen_slew:
+        fast = f"slew {plant.seen_slew / BAR:.3g} bar/s: the fastest commands of this log, over a lag"
+        say(console, f"{fast} (set it with --slew of later commands, or in [plant])")
+    if plant.assumed:
+        told = " (set it with --slew of later commands, or in [plant])" if "slew" in plant.assumed else ""
+        say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
+    if plant.errors.every > _WORSE * fit.error.every:
+        say(
+            console,
+            f"beware: the plant's file errs by {plant.errors.every / DEG:.2g}° over the log, the fit by only "
+            f"{fit.error.every / DEG:.2g}°: its muscles cannot hold all angles of the log; measure rests near the ends",
+        )
 
 
 def _describe_drift(fit: MotionFit, console: Console) -> None:

@@ -46,6 +46,8 @@ def free_run(
 ) -> Array:  # fmt: skip
     """Return the angle (n,) [rad] of `process` at the times `t` while the pressures of a log act on it.
 
+    A link that reaches an end stop rests there until it is pulled back.
+
     Parameters
     ----------
     process
@@ -94,7 +96,9 @@ def _acting(t: Array, dead_time: float) -> tuple[Array, Array]:
 
 def _start(process: RealPlant, P: Array, begin: float | None) -> Array:
     """Return the state with friction's memory (n,) at rest at the pressures P (2,) [Pa]."""
-    theta = float(process.nominal.joint.equilibrium(*P)) if begin is None else float(begin)
+    theta = (
+        float(process.nominal.joint.equilibrium(*P, gravity=process.nominal.gravity)) if begin is None else float(begin)
+    )
     theta = theta if np.isfinite(theta) else 0.0
     return np.append([theta, 0.0, *P], process.friction.begun(theta))
 
@@ -105,11 +109,14 @@ def _integrated(process: RealPlant, ends: Array, u: Array, full: Array, *, impos
     The commands `u[k]` (2,) [Pa] act between `ends[k]` and the next; `imposed`: the muscles have these pressures.
     """
     step = Buffered(integrator(process, process.substeps(float(np.diff(ends).max()), _RESOLUTION)))
+    low, high = process.nominal.joint.angle_limits or (-np.inf, np.inf)
     theta = [float(full[0])]
     for command, length in zip(u, np.diff(ends).tolist(), strict=True):
         if imposed:
             full[2:NX] = command
         full = step(full, command, 0.0, length)[0][0]
+        if not low <= full[0] <= high:  # a stop, which takes the speed
+            full[:2] = min(max(full[0], low), high), 0.0
         theta.append(float(full[0]))
     return np.array(theta)
 
@@ -168,6 +175,7 @@ class IdentifiedPlant:
     last: Errors  # of this file over the last 40 % of the log
     held_out: Errors  # over the last 40 %, of a file made in the same way from the first 60 % alone
     assumed: tuple[str, ...]  # numbers of [plant] that the log does not show
+    seen_slew: float | None = None  # [Pa/s] of [plant], if it is that of the log's commands
 
     @classmethod
     def of(cls, fit: MotionFit, known: Mapping[str, object] | None = None) -> Self:
@@ -186,7 +194,7 @@ class IdentifiedPlant:
             "held_out_rms_deg": held_out.every,
         }
         text = final.text(final.best.numbers, {name: round(value / DEG, 3) for name, value in figures.items()})
-        return cls(text, final.best.run, errors, last, held_out, final.taken)
+        return cls(text, final.best.run, errors, last, held_out, final.taken, final.seen_slew)
 
     @property
     def plant(self) -> Plant:
@@ -248,7 +256,17 @@ class _Written:
     @property
     def taken(self) -> tuple[str, ...]:
         """Names of the plant's unmeasured numbers: `assumed`, and the slew of the regulators unless it is known."""
-        return (*self.assumed, *(() if "slew" in self.known else ("slew",)))
+        return (*self.assumed, *(() if self.seen_slew or "slew" in self.known else ("slew",)))
+
+    @cached_property
+    def seen_slew(self) -> float | None:
+        """The fastest change [Pa/s] of the log's commands over a lag; None if it is not needed, or shows no commands.
+
+        Over a lag, because regulators cannot tell a step from a slope that is as short.
+        """
+        if "slew" in self.known or not self._commanded:
+            return None
+        return self.fit.log.fastest(sum(self._lags.values()) / 2)
 
     @property
     def _least_damping(self) -> float:
@@ -271,11 +289,14 @@ class _Written:
         lag, shares = sum(self._lags.values()) / 2, shares_of_lag(self.moving.values["lag_ratio"])
         lags = {"lag": tuple(share * lag for share in shares)} if self._commanded else {}
         numbers: dict[str, object] = {**otherwise, **seen, **lags}
-        numbers |= {"slew": self.known["slew"]} if "slew" in self.known else {}
+        numbers |= {name: value for name, value in (("slew", self.known.get("slew", self.seen_slew)),) if value}
+        numbers |= self.fit.gravity.filed
         if self._commanded:  # the lags go with the gas, or without it
             numbers["gas"] = self.fit.problem.gas
         elif "gas" in self.known:
             numbers["gas"] = self.known["gas"]
+        if numbers.get("gas") and "frequency" in self.known:
+            numbers["frequency"] = self.known["frequency"]
         with TemporaryDirectory() as directory:
             path = Path(directory) / "plant.toml"
             path.write_text(self.text(numbers, {}), encoding="utf-8")

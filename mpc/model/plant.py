@@ -1,7 +1,7 @@
 """Plant of the controllers' predictions and of nominal tests: a joint with a link and two pressure lags.
 
     θ' = ω
-    J ω' = T(θ, P1, P2) - b ω - m g l sin θ + d
+    J ω' = T(θ, P1, P2) - b ω - m g l sin(θ - θ_h) + d
     P_i' = (u_i - P_i)/τ_i  -  κ (P_i + p_a) V_i'/V_i^eff, the second term not with `gas=False`                   (G3)
 
 with one τ_i of a rising and another of a falling pressure if `venting` is not 1 (`mpc.model.pressures`).
@@ -13,6 +13,7 @@ for CasADi symbols. Slack muscles (F < 0) keep their model's force; the metrics 
 """
 
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from itertools import product
 from math import inf, sqrt
 from os import PathLike
@@ -22,11 +23,12 @@ import numpy as np
 
 from allocator import allocate, checks, warm_up
 from allocator.allocation.two_muscles.result import PairAllocation
-from allocator.calculus import Array, Value, sin
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, report_joint
 from allocator.joint.assumption import assumptions, with_volumes
 from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, StiffnessKind
+from allocator.joint.gravity import Gravity
 from allocator.joint.limits import Limits
 from allocator.lazy import Function
 from allocator.units import BAR, CM3
@@ -47,11 +49,12 @@ class Plant:
     inertia: float = 0.05  # J [kg·m²]
     damping: float = 0.1  # b [N·m·s/rad]
     lag: float | tuple[float, float] = 0.1  # τ, or (τ1, τ2) [s], each the mean of a rising and a falling pressure
-    gravity_torque: float = 0.0  # m g l [N·m]; the link hangs at θ = 0 (negative: stands)
+    gravity_torque: float = 0.0  # m g l [N·m]
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     gas: Gas | bool | None = True  # the joint's; False, None: regulators hold the pressures
     frequency: float = 0.0  # of K [Hz]: 0 is isobaric, inf with all of the gas trapped   (G5)
     venting: float = 1.0  # lag of a falling pressure over that of a rising one [-]
+    hanging_angle: float = 0.0  # θ_h at which the link hangs [rad] (stands, if its torque is negative)
 
     n: ClassVar[int] = 1  # these fields make it a machine of one joint, see `mpc.model.machine`
     m: ClassVar[int] = NU
@@ -109,6 +112,11 @@ class Plant:
         """Least and greatest angle [rad]."""
         return self.joint.angle_range
 
+    @cached_property
+    def gravity(self) -> Gravity:
+        """Gravity of the link. `stiffness` is without it."""
+        return Gravity(self.gravity_torque, self.hanging_angle)
+
     @property
     def lags(self) -> tuple[float, float]:
         """Mean time constants (τ1, τ2) of the pressures [s]."""
@@ -125,7 +133,7 @@ class Plant:
     def rate(self, x: Value, u: Value, d: Value = 0.0) -> tuple[Value, Value, Value, Value]:
         """Return x' = f(x, u, d): `x` [4, ...], `u` [2, ...], numbers or CasADi columns."""
         theta, omega, P1, P2 = x[0], x[1], x[2], x[3]
-        moment = self.torque(x) - self.damping * omega - self.gravity_torque * sin(theta) + d
+        moment = self.torque(x) - self.damping * omega - self.gravity.moment(theta) + d
         rates = tuple(map(pull, (u[0] - P1, u[1] - P2), *self.lags_each_way))
         if self.gas is not None:
             falls = self.expansion(x)
@@ -195,8 +203,8 @@ class Plant:
         return agonist.force(x[2]), antagonist.force(x[3])
 
     def torque_for(self, theta: Value, omega: Value, alpha: Value, d: Value = 0.0) -> Value:
-        """Return the muscle torque [N·m] of the motion (θ, θ', θ''): T = J θ'' + b θ' + m g l sin θ - d."""
-        return self.inertia * alpha + self.damping * omega + self.gravity_torque * sin(theta) - d
+        """Return the muscle torque [N·m] of the motion (θ, θ', θ''): T = J θ'' + b θ' + m g l sin(θ - θ_h) - d."""
+        return self.inertia * alpha + self.damping * omega + self.gravity.moment(theta) - d
 
     def at_rest(self, theta: float, K: float) -> Array:
         """Return the state (4,) in equilibrium at `theta` [rad], with the feasible stiffness nearest `K` [N·m/rad]."""
@@ -314,8 +322,8 @@ class Plant:
 
     @property
     def _gas_text(self) -> str:
-        length = self.joint.geometry.rest_length
-        volumes = [muscle.volume_at_rest(length) / CM3 for muscle in (self.joint.agonist, self.joint.antagonist)]
+        joint, L = self.joint, self.joint.geometry.rest_length
+        volumes = [muscle.volume_at_rest(L) / CM3 for muscle in (joint.agonist, joint.antagonist)]
         volume = " and ".join(dict.fromkeys(f"{V:.3g}" for V in volumes))
         return f"gas with κ = {self.joint.gas.kappa:g} in {volume} cm³ at rest length"
 
@@ -350,8 +358,7 @@ class Plant:
         """Upper estimate of the fastest eigenvalue [1/s], which determines integration steps."""
         P = self.joint.pressure_limits[1]
         angles = np.linspace(*self.joint.angle_range, 9)
-        sides = self.joint.sides(angles)
-        K = float(np.max(sum(side.stiffness(P + 0 * angles) for side in sides)))
+        K = float(np.max(sum(side.stiffness(P + 0 * angles) for side in self.joint.sides(angles))))
         if self.gas is not None:
             sides = self.joint.sides(angles, _ALL)
             K += float(np.max(sum(trapped(side, P + 0 * angles) for side in sides)))
@@ -386,6 +393,7 @@ _CHECKS = (
     ("damping", checks.not_negative, "N·m·s/rad"),
     ("venting", checks.positive, "-"),
     ("gravity_torque", checks.number, "N·m"),
+    ("hanging_angle", checks.number, "rad"),
     ("slew", checks.positive, "Pa/s"),
 )
 _ALL = 1.0, 1.0  # shares of the gas that is trapped

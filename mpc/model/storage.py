@@ -6,6 +6,7 @@ damping = 0.1                  # [N·m·s/rad]
 lag = [0.1, 0.1]               # [s], or one number for both pressures; means of rising and falling pressures
 venting = 1.0                  # lag of a falling pressure over that of a rising one; by default lag_down / lag_up
 gravity_torque = 0.0           # m g l [N·m]
+hanging_angle = 0.0            # of the link [rad]; where it stands if gravity_torque is negative
 slew = 500000.0                # [Pa/s]
 gas = true                     # motion compresses the gas in the muscles, see [gas]; false: it does not
 frequency = 0.0                # of the stiffness with gas [Hz]; 0 isobaric

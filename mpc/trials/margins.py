@@ -279,7 +279,7 @@ def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
     with warnings.catch_warnings():  # only postures are taken from it
         for assumed in (AssumedSlack, Extrapolated):
             warnings.simplefilter("ignore", assumed)
-        least, greatest = stiffness_interval(angles, plant.gravity_torque * np.sin(angles), joint=plant.joint)
+        least, greatest = stiffness_interval(angles, plant.gravity.moment(angles), joint=plant.joint)
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
 
 

@@ -1,4 +1,4 @@
-"""Commands `antagonist fit-joint` (a joint from a log) and `antagonist plan-joint` (which pressures to measure)."""
+"""Command `antagonist fit-joint`: a joint from a log of its rests."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,23 +11,22 @@ from rich.console import Console
 
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
-from allocator.files.atomic import write_text
 from allocator.files.text import short
 from allocator.files.toml import Table
+from allocator.identification.joint.filing import Said
 from allocator.identification.joint.fit import fit_joint
-from allocator.identification.joint.planning.plan import LEVELS, JointPlan, plan_joint_experiment
 from allocator.identification.joint.plotting import plot_joint_fit
 from allocator.identification.joint.reading import JointLog, joined_logs, read_joint_log
 from allocator.identification.joint.relative import RelativeJoint, describe_reference
 from allocator.identification.joint.result import JointFit
 from allocator.identification.options import LogOptions, assigned, clock, print_lines
 from allocator.joint.geometry import Geometry, Lever, Pulley
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
-from allocator.shell.machine_options import MachineOptions
-from allocator.shell.options import grouped, row, within
-from allocator.shell.outputs import AsJSON, Force, check_ending, claim, claim_result, print_json, say, write
-from allocator.units import BAR, DEG, MM, PERCENT
+from allocator.shell.options import grouped, numbers, row, within
+from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
+from allocator.units import BAR, DEG, MM
 
 
 @grouped
@@ -63,7 +62,27 @@ def fit_joint_command(
     sweep: Annotated[
         list[str] | None, typer.Option(help="direction of a number in the column sweep, such as 1=-1; may be repeated")
     ] = None,
+    zero: Annotated[
+        float | None, typer.Option(help="known encoder reading at θ = 0 [degrees]; by default it is fitted")
+    ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            help="known gravity of the link, G or G,θh: m g l [N·m] and the angle at which it hangs [degrees], 0 by "
+            "default; or fit. By default that in [plant] of --machine; 0 leaves it in the muscles"
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="TOML file to write the joint to")] = None,
+    stops: Annotated[
+        str | None,
+        typer.Option(
+            help="end stops LOW:HIGH of --out [degrees]; by default those of --machine, or the angles visited"
+        ),
+    ] = None,
+    supply: Annotated[
+        float | None,
+        typer.Option(help="greatest pressure of --out [bar]; by default that of --machine, or the greatest read"),
+    ] = None,
     group: Annotated[
         str | None, typer.Option(help="rest length [mm] of the joint that --out writes; needed if there are several")
     ] = None,
@@ -82,6 +101,7 @@ def fit_joint_command(
     """
     within("--rest-length", rest_length, "mm", 1, 100_000)
     within("--dead-band", dead_band, "bar", 0, 100)
+    within("--zero", zero, "degrees", -360, 360)
     if group is not None and out is None:
         raise InvalidInput("--group chooses the joint that --out writes: pass --out as well")
     claim_result(out, plot, inputs=(*log, machine), force=force)
@@ -90,11 +110,12 @@ def fit_joint_command(
     data = joined_logs({name: source.read(read_joint_log, one, ways) for name, one in short(log).items()})
     _describe_log(data, console)
     geometry, groups = _geometry(lever, pulley, machine, rest_length, data.rest_length)
-    _describe_gravity(machine, console)
+    file = None if machine is None else Table.read(machine)
+    said, pulled = _said(file, stops, supply), _gravity(gravity, file)
     fitted = partial(
         fit_joint, data.theta, data.P1, data.P2, torque=data.torque, direction=data.direction, slack=data.slack,
         geometry=geometry, group=groups or list(data.files) or None, average=average, friction=friction,
-        dead_band=dead_band * BAR,
+        dead_band=dead_band * BAR, zero=None if zero is None else zero * DEG, gravity=pulled,
     )  # fmt: skip
     with clock(console) as bar:
         bar.add_task(f"fitting {model}", total=None)  # the number of steps is unknown
@@ -103,7 +124,9 @@ def fit_joint_command(
         print_json(_values(fit))
     else:
         _describe(fit, _better_laws(fit, fitted), console)
-    write(out, lambda path: fit.save(path, group), console)
+    if out is not None:
+        write(out, lambda path: fit.save(path, group, said), console)
+        _describe_limits(fit, group, said, console)
     write(plot, lambda path: save_figure(plot_joint_fit(fit), path, dpi=120), console)
 
 
@@ -143,12 +166,38 @@ def _geometry(
     return {label: make(float(label) * MM) for label in dict.fromkeys(labels)}, labels
 
 
-def _describe_gravity(machine: Path | None, console: Console) -> None:
-    plant = None if machine is None else Table.read(machine).table("plant")
-    if plant is not None and (gravity := plant.entries.get("gravity_torque")):
+def _said(file: Table | None, stops: str | None, supply: float | None) -> Said:
+    within("--supply", supply, "bar", 0.05, 100)
+    ends = None
+    if stops is not None:
+        low, high = numbers("--stops", stops, 2, 2, "-45:45")
+        within("--stops", low, "degrees", -360, 360)
+        within("--stops", high, "degrees, from low to high", low + 0.1, 360)
+        ends = low * DEG, high * DEG
+    return Said.of(file, ends, None if supply is None else (0.0, supply * BAR))
+
+
+def _gravity(option: str | None, file: Table | None) -> Gravity | None:
+    """Return the known gravity of the link; None if it is to be fitted."""
+    if option == "fit":
+        return None
+    if option is None:
+        return NO_GRAVITY if file is None else Gravity.of_file(file)
+    torque, *hanging = row("--gravity", option, "N·m and degrees", {1: "G", 2: "G,θh"})
+    return Gravity(torque, *(angle * DEG for angle in hanging))
+
+
+def _describe_limits(fit: JointFit, group: str | None, said: Said, console: Console) -> None:
+    chosen = fit.joint if group is None else fit.joint_of(group)
+    joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
+    if visited := said.visited(joint):
+        say(console, f"{visited}; set them by --stops and --supply, or in the file of --machine")
+    elif (wider := said.about(joint).angle_range) != joint.angle_range:
+        (low, high), (left, right) = (tuple(end / DEG for end in ends) for ends in (joint.angle_range, wider))
         say(
             console,
-            f"{machine}: gravity_torque = {gravity} N·m is not used: the fitted muscles contain the link's gravity",
+            f"the joint's range is {left:.3g}° to {right:.3g}°, as said; beyond the rests, {low:.3g}° to {high:.3g}°, "
+            "its torque and stiffness are extrapolated",
         )
 
 
@@ -191,6 +240,7 @@ def _describe(fit: JointFit, better: list[str], console: Console) -> None:
         f"  encoder zero {fit.zero / DEG:+.2f}{_plus_minus(std.get('zero', 0.0) / DEG)}°, antagonist "
         f"{fit.ratio:.3f}{_plus_minus(fit.ratio_std)} times as strong as the agonist, "
         f"friction μ = {fit.friction:.3f}{_plus_minus(std.get('friction', 0.0))}",
+        *_gravity_lines(fit),
         f"  ± is one standard deviation. It allows for a smooth error of the force law ({found.law:.1%} of the mean "
         f"force) and reading noise of {found.noise / DEG:.2f}°, both estimated from the residuals",
         *_choice_lines(fit),
@@ -209,6 +259,17 @@ def _describe(fit: JointFit, better: list[str], console: Console) -> None:
     lines += [f"  not seen by these data: {direction}" for direction in fit.unseen]
     lines += [f"  beware: {warning}" for warning in fit.warnings]
     print_lines(console, lines)
+
+
+def _gravity_lines(fit: JointFit) -> list[str]:
+    if not fit.gravity.torque:
+        return []
+    (G, h), found = (fit.gravity.torque, fit.gravity.hanging / DEG), any(fit.gravity_std)
+    torque, angle = (_plus_minus(std) for std in (fit.gravity_std[0], fit.gravity_std[1] / DEG))
+    return [
+        f"  gravity {G:.3g}{torque} N·m of a link that hangs at {h:.3g}{angle}°, {'fitted' if found else 'as given'}; "
+        "stiffness is that of the muscles, without it"
+    ]
 
 
 def _stiffness_line(fit: JointFit) -> str:
@@ -256,105 +317,4 @@ def _values(fit: JointFit) -> dict[str, object]:
         ],
         "unseen": fit.unseen,
         "warnings": fit.warnings,
-    }
-
-
-# --- plan-joint -------------------------------------------------------------------------------------------------------
-
-
-_HEADER = "theta_deg,pressure1_bar,pressure2_bar,torque_Nm,direction,slack,expected"
-
-
-@grouped
-def plan_joint_command(
-    options: MachineOptions,
-    accuracy: Annotated[float, typer.Option(help="wanted standard deviation of K from noise [%]")] = 5.0,
-    noise: Annotated[float, typer.Option(help="standard deviation of an angle reading [degrees]")] = 0.5,
-    weight: Annotated[
-        list[float] | None, typer.Option(help="torque of an available weight [N·m]; may be repeated")
-    ] = None,
-    setpoints: Annotated[
-        int | None, typer.Option(help="number of setpoints; by default three times the unknowns of the fit")
-    ] = None,
-    lowest: Annotated[float | None, typer.Option(help="least pressure to visit [bar]; 1.5 by default")] = None,
-    out: Annotated[Path | None, typer.Option(help="table (.csv) to fill in; fit-joint reads it unchanged")] = None,
-    force: Force = False,
-    as_json: AsJSON = False,
-) -> None:
-    """Plan the measurement of a roughly known joint: setpoints, a weight, and a sag test of the muscle forces.
-
-    Describe the joint with the options below, from a data sheet or a first fit. The table of --out has a row for each
-    reading, with an empty theta_deg, and one for each angle of a sag test (slack = 1, 2 or 3: agonist, antagonist,
-    both), with empty pressures. Fill in the cells, delete the rows that were not measured, and give the table to
-    `antagonist fit-joint`.
-    """
-    within("--accuracy", accuracy, "%", 0.01, 99)
-    within("--noise", noise, "degrees", 1e-4, 45)
-    check_ending("--out", out, (".csv",))
-    claim(out, inputs=options.files, force=force)
-    joint = options.joint()
-    supply = joint.pressure_limits[1]
-    within("--lowest", lowest, "bar", 0.01, supply / BAR)
-    plan = plan_joint_experiment(
-        joint,
-        accuracy=accuracy * PERCENT,
-        noise=noise * DEG,
-        weights=weight,
-        setpoints=setpoints,
-        pressures=None if lowest is None else np.linspace(lowest * BAR, supply, LEVELS),
-    )
-    console = Console(stderr=as_json)
-    if as_json:
-        print_json(_planned(plan))
-    else:
-        say(console, str(plan))
-    write(out, lambda path: write_text(path, "\n".join([_HEADER, *_visits(plan)]) + "\n"), console)
-
-
-def _visits(plan: JointPlan) -> list[str]:
-    """Return a row for each visit of a setpoint, falling and rising, and one for each angle of the sag test."""
-    rows = []
-    for s in plan.setpoints:
-        given = f"{s.P1 / BAR:.4g},{s.P2 / BAR:.4g},{s.torque:.4g}"
-        rows += [f",{given},{way},0,{a / DEG:.1f} deg" for way, a in ((-1, s.falling), (1, s.rising))]
-    for point in plan.further[0].sag if plan.further else ():
-        cells = [("", f"P{i} = {P / BAR:.2g} bar") if P == P else ("0", "") for i, P in ((1, point.P1), (2, point.P2))]
-        (P1, first), (P2, second) = cells
-        expected = " and ".join(filter(None, (first, second)))
-        rows.append(f"{point.theta / DEG:.1f},{P1},{P2},0,0,{point.slack},{expected}")
-    return rows
-
-
-def _planned(plan: JointPlan) -> dict[str, object]:
-    """Return the values printed by `--json`."""
-    return {
-        "weight_Nm": plan.weight,
-        "accuracy_of_stiffness": plan.accuracy,
-        "expected_error_of_stiffness": plan.expected,
-        "reached": plan.reached,
-        "unknowns_of_the_fit": plan.unknowns,
-        "setpoints": [
-            {
-                "torque_Nm": s.torque,
-                "pressure1_bar": s.P1 / BAR,
-                "pressure2_bar": s.P2 / BAR,
-                "theta_falling_deg": s.falling / DEG,
-                "theta_rising_deg": s.rising / DEG,
-            }
-            for s in plan.setpoints
-        ],
-        "further": [
-            {
-                "measurement": s.name,
-                "how": s.how,
-                "force_std": s.forces,
-                "stiffness_std": s.stiffness,
-                "gain": s.gain,
-                "sag_test": [
-                    {"theta_deg": p.theta / DEG, "pressure1_bar": p.P1 / BAR, "pressure2_bar": p.P2 / BAR}
-                    for p in s.sag
-                ],
-            }
-            for s in plan.further
-        ],
     }

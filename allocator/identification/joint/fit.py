@@ -8,16 +8,18 @@ from numpy.typing import ArrayLike
 
 from allocator import checks
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.problem import FITTED_GRAVITY, MOST_ZERO, JointProblem
 from allocator.identification.joint.result import JointFit, first_search, solved
 from allocator.identification.joint.samples import Geometries, JointSamples, SlackReadings
 from allocator.identification.joint.search import starting_muscle
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.muscles import MODELS, Muscle, Recipe
 from allocator.units import BAR, DEG
 
 DEAD_BAND = 0.5 * BAR  # below it a muscle has little effect [Pa]
 SLACK_NOISE = 0.1 * BAR  # standard deviation of the pressures of a sag test [Pa]
-_EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-0.6, 0.6), "friction": (-0.5, 0.8)}
+_EXTRA = {"log_ratio": (-1.2, 1.2), "zero": (-MOST_ZERO, MOST_ZERO), "friction": (-0.5, 0.8)}
+_EXTRA |= dict.fromkeys(FITTED_GRAVITY, (-1e3, 1e3))  # [N·m]
 _MOST_SAMPLES = 1000  # more are averaged over cells
 _ONE_LEVEL = 0.03  # of the mean co-contraction
 
@@ -34,7 +36,8 @@ def fit_joint(
     model: str | type[Muscle] | Muscle = "Sarosi2012",
     friction: bool = True,
     ratio: bool = True,
-    zero: bool = True,
+    zero: float | None = None,
+    gravity: Gravity | None = NO_GRAVITY,
     average: bool = False,
     dead_band: float = DEAD_BAND,
     taut_min: float = 0.02,
@@ -67,9 +70,15 @@ def fit_joint(
         A label for each sample, e.g. the muscle length: errors are reported, and left out in turn, by group.
     model
         Name or class of a muscle model, or a muscle of which only ratio, zero and friction are fitted.
-    friction, ratio, zero
-        Whether μ of `AntagonistJoint.friction_torque`, the strength of the antagonist relative to the agonist, and the
-        encoder's zero [rad] are fitted. Friction needs directions; the report notes their absence.
+    friction, ratio
+        Whether μ of `AntagonistJoint.friction_torque` and the strength of the antagonist relative to the agonist are
+        fitted. Friction needs directions; the report notes their absence.
+    zero
+        The known encoder reading [rad] at θ = 0; None: it is fitted.
+    gravity
+        The known gravity of the link, no part of the fitted muscles nor of their stiffness; it acts as a known weight.
+        None: its amplitude and hanging angle are fitted, which needs a known `torque`. Without gravity, as by default,
+        the muscles contain that of the link.
     average
         Fit the mean of the rising and falling samples at the same pressures instead of both.
     dead_band
@@ -98,7 +107,9 @@ def fit_joint(
     InvalidInput
         For invalid data, or data that cannot determine the unknowns.
     """
-    samples = JointSamples.checked(theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group)
+    samples = JointSamples.checked(
+        theta, P1, P2, geometry=geometry, torque=torque, direction=direction, group=group, zero=zero or 0.0
+    )
     samples, sag = _parted(samples, slack, slack_noise)
     dead = checks.not_negative("dead_band", checks.pressure("dead_band", dead_band), "Pa")
     low = np.minimum(samples.P1, samples.P2) < dead
@@ -106,11 +117,15 @@ def fit_joint(
     _check_data(samples, friction and not average)
     samples = samples.without_outliers().binned(_MOST_SAMPLES)
     samples = samples.averaged() if average else samples
-    used = {"log_ratio": ratio, "zero": zero, "friction": friction and samples.direction.any()}
+    used = {"log_ratio": ratio, "zero": zero is None, "friction": friction and samples.direction.any()}
+    used |= dict.fromkeys(FITTED_GRAVITY, gravity is None)
+    if gravity is None and not samples.loaded:
+        raise InvalidInput("to fit the link's gravity, hang a known weight at some rests: without it no force is known")
     extra = tuple(name for name, fitted in used.items() if fitted)
-    for _ in range(1 + zero):  # contractions need the zero, which the second search takes from the first
+    for _ in range(1 + (zero is None)):  # contractions need the zero, which the second search takes from the first
         prototype, recipe, free = _prototype(model, samples, hold or {}, start)
-        problem = replace(_problem(prototype, recipe, _within(samples, prototype), free, extra, taut_min), sag=sag)
+        used_here = _within(samples, prototype)
+        problem = replace(_problem(prototype, recipe, used_here, free, extra, taut_min, gravity or NO_GRAVITY), sag=sag)
         x = first_search(problem, recipe)
         samples = replace(samples, zero=problem.unknowns(x).zero)
     return solved(problem, x, leave_one_out, prior, choices)
@@ -174,12 +189,13 @@ def _problem(
     free: tuple[str, ...],
     extra: tuple[str, ...],
     taut_min: float,
+    gravity: Gravity,
 ) -> JointProblem:
     lower, upper = (
         np.append(limits, [_EXTRA[name][end] for name in extra]) for end, limits in enumerate(recipe.limits(free))
     )
-    conventional = bool(free) and not samples.loaded
-    problem = JointProblem(prototype, free, extra, lower, upper, samples, taut_min, conventional)
+    conventional = bool(free) and not samples.loaded and not gravity.torque
+    problem = JointProblem(prototype, free, extra, lower, upper, samples, taut_min, conventional, gravity=gravity)
     if samples.n < len(problem.names) + 1:
         left_out = f"; left out were {reasons}" if (reasons := _reasons(samples)) else ""
         raise InvalidInput(

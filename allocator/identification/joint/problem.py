@@ -2,13 +2,14 @@
 
 The muscles F1 = F(P1, ε1; p) and F2 = ρ F(P2, ε2; p) balance the torque T and friction in the direction of motion s:
 
-    G(θ) = (1 - μ s) a1 F1 - (1 + μ s) a2 F2 - T = 0        equilibrium, friction as in `friction_torque`
+    G(θ) = (1 - μ s) a1 F1 - (1 + μ s) a2 F2 - T - T_g(θ) = 0    equilibrium, friction as in `friction_torque`
 
     minimise  Σ (θ_i - z - θ_eq,i)²  +  w² Σ max(0, η - F_i/F̄)²        over p, log ρ, z, μ within bounds
 
-z is the encoder's zero. By the implicit function theorem ∂θ_eq/∂p = (∂G/∂p)/K_s, with K_s = -∂G/∂θ. The second sum
-keeps the muscles taut: every force at least the share η of the mean force F̄. Without weights, T = 0, the force scale
-is not an unknown: one more equation, mean ∂F/∂P = 10 cm², sets it by convention.
+z is the encoder's zero, T_g the link's gravity: known, or A sin θ - B cos θ with unknown A and B, else 0. By the
+implicit function theorem ∂θ_eq/∂p = (∂G/∂p)/K_s, with K_s = -∂G/∂θ. The second sum keeps the muscles taut: every force
+at least the share η of the mean force F̄. Without weights, T = T_g = 0, the force scale is not an unknown: one more
+equation, mean ∂F/∂P = 10 cm², sets it by convention.
 
 A force common to both muscles, a1 ΔF1 = a2 ΔF2 at all angles, moves no angle. Two more kinds of equation can set it:
 
@@ -29,8 +30,11 @@ import numpy as np
 
 from allocator.calculus import Array, Mask, falling_root
 from allocator.identification.joint.samples import JointSamples, Routes, SlackReadings, weighed
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.muscles import Muscle, force_gradient
 
+MOST_ZERO = 0.6  # [rad] of the encoder
+FITTED_GRAVITY = "gravity_sin", "gravity_cos"  # among the extra unknowns
 CONVENTIONAL_AREA = 1e-3  # [m²] mean ∂F/∂P if the force scale is unknown
 _TAUT_WEIGHT = 0.05  # [rad] per unit of F/F̄: weak, so that it affects only quantities that the angles leave open
 _MARGIN = 0.35  # [rad]
@@ -49,6 +53,8 @@ class Unknowns(NamedTuple):
     friction: float  # μ [-]
     coulomb: float = 0.0  # constant friction torque c [N·m]
     play: float = 0.0  # constant part of the hysteresis, b [rad]
+    gravity_sin: float = 0.0  # A of T_g [N·m]
+    gravity_cos: float = 0.0  # B of T_g [N·m]
 
 
 class PullShare(NamedTuple):
@@ -78,7 +84,7 @@ class Balance(NamedTuple):
 @dataclass(frozen=True)
 class JointProblem:
     """Problem of this module. x = (`free` parameters of the muscle, then `extra`: "log_ratio", "zero", "friction",
-    "coulomb").
+    `FITTED_GRAVITY`, "coulomb", "play").
     """
 
     prototype: Muscle
@@ -92,6 +98,7 @@ class JointProblem:
     pull: PullShare | None = None  # None: the common force is left to the other equations
     sag: SlackReadings | None = None
     sag_weight: float = 0.0  # w_s [rad/Pa]
+    gravity: Gravity = NO_GRAVITY  # the known one
     margin: float = _MARGIN  # of the search for equilibria beyond the measured angles [rad]
 
     def on(self, keep: Mask) -> Self:
@@ -101,6 +108,13 @@ class JointProblem:
     def still(self) -> Self:
         """Return this problem without directions of motion, for predictions without friction."""
         return replace(self, samples=replace(self.samples, direction=0 * self.samples.direction))
+
+    def with_free_zero(self) -> Self:
+        """Return this problem with the encoder's zero among the unknowns, about the held one."""
+        lower, upper = (
+            np.append(x, self.samples.zero + d) for x, d in ((self.lower, -MOST_ZERO), (self.upper, MOST_ZERO))
+        )
+        return replace(self, extra=(*self.extra, "zero"), lower=lower, upper=upper)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -113,7 +127,8 @@ class JointProblem:
         free = {name: values[name] for name in self.free}
         muscle = self.prototype.unchecked([*(self._given | free).values()])
         ratio = np.exp(values.get("log_ratio", 0.0)).item()
-        return Unknowns(muscle, ratio, *(values.get(name, 0.0) for name in ("zero", "friction", "coulomb", "play")))
+        others = {name: values[name] for name in self.extra if name != "log_ratio"}
+        return Unknowns(muscle, ratio, **({"zero": self.samples.zero, "friction": 0.0} | others))
 
     @cached_property
     def _given(self) -> dict[str, float]:
@@ -122,26 +137,31 @@ class JointProblem:
 
     # --- equilibrium ------------------------------------------------------------------------------------------------
 
-    def torques(self, u: Unknowns, routes: Routes) -> Torques:
-        """Return G where the muscles have these `routes`."""
+    def torques(self, u: Unknowns, theta: Array, routes: Routes) -> Torques:
+        """Return G at the true angles `theta` (n,), where the muscles have these `routes`."""
         s = self.samples
         (eps1, a1, _), (eps2, a2, _), _ = routes
         w1, w2 = self._frictions(u)
         with np.errstate(all="ignore"):
             F1, F2 = u.muscle.law(s.P1, eps1), u.ratio * u.muscle.law(s.P2, eps2)
-        pull1, pull2 = w1 * a1, w2 * a2
-        return Torques(pull1 * F1 - pull2 * F2 - s.torque - u.coulomb * s.direction, (F1, F2), (pull1, pull2))
+        pull1, pull2, weight = w1 * a1, w2 * a2, s.torque + self.gravity_of(u).moment(theta)
+        return Torques(pull1 * F1 - pull2 * F2 - weight - u.coulomb * s.direction, (F1, F2), (pull1, pull2))
+
+    def gravity_of(self, u: Unknowns) -> Gravity:
+        """Return the link's gravity, known or by the unknowns."""
+        return Gravity.of_parts(u.gravity_sin, u.gravity_cos) if FITTED_GRAVITY[0] in self.extra else self.gravity
 
     def balance(self, u: Unknowns, theta: Array, routes: Routes | None = None) -> Balance:
         """Return G and its slope at the true angles `theta` (n,)."""
         s, routes = self.samples, routes or self.samples.routes(theta)
         (eps1, a1, da1), (eps2, a2, da2), l0 = routes
         w1, w2 = self._frictions(u)
-        lacking, (F1, F2), pulls = self.torques(u, routes)
+        lacking, (F1, F2), pulls = self.torques(u, theta, routes)
         with np.errstate(all="ignore"):
             slope1, slope2 = u.muscle.slope(s.P1, eps1), u.ratio * u.muscle.slope(s.P2, eps2)
         elastic = -(w1 * a1**2 * slope1 + w2 * a2**2 * slope2) / l0
-        return Balance(lacking, elastic - (w1 * da1 * F1 - w2 * da2 * F2), (F1, F2), pulls)
+        bends = w1 * da1 * F1 - w2 * da2 * F2
+        return Balance(lacking, elastic - bends + self.gravity_of(u).stiffness(theta), (F1, F2), pulls)
 
     def _frictions(self, u: Unknowns) -> tuple[Array, Array]:
         """Return the shares (n,) of both muscles' torques that friction leaves."""
@@ -161,7 +181,7 @@ class JointProblem:
         """
         low, high = self._searched(u.zero)
         for _ in range(_HALVINGS):
-            G_low, G_high = (self.torques(u, self.samples.routes(theta)).lacking for theta in (low, high))
+            G_low, G_high = (self.torques(u, theta, self.samples.routes(theta)).lacking for theta in (low, high))
             below, above = G_low > 0, G_high < 0
             if (below & above).all():
                 break
@@ -244,7 +264,7 @@ class JointProblem:
         dF1, dF2 = self._force_gradient(u, s.P1, eps1), u.ratio * self._force_gradient(u, s.P2, eps2)
         columns = [*(pull1[:, None] * dF1 - pull2[:, None] * dF2).T]
         extra = {"log_ratio": -pull2 * F2, "friction": -s.direction * (a1 * F1 + a2 * F2), "coulomb": -s.direction}
-        extra |= {"zero": K, "play": 0.0 * K}
+        extra |= {"zero": K, "play": 0.0 * K, "gravity_sin": -np.sin(theta), "gravity_cos": np.cos(theta)}
         columns += [extra[name] for name in self.extra]
         with np.errstate(all="ignore"):
             gradient = np.stack(columns, axis=1).reshape(s.n, -1) / np.where(reached, K, _usual(K, reached))[:, None]

@@ -1,26 +1,30 @@
 """Figures and warnings about the solution of a joint's fit."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint.problem import JointProblem, Unknowns
+from allocator.identification.joint.problem import FITTED_GRAVITY, JointProblem, Unknowns
 from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.identification.joint.search import minimise
 from allocator.identification.least_squares import at_bound, determine, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import monotonicity_failure, scaled, strength_powers
 from allocator.muscles.monotonicity import FAILS
+from allocator.rough_tables import ROUGH, doubt, sentence
 from allocator.units import BAR, DEG
 
 _DETERMINANT_GRID = 7
 _MOST_MISSED = 0.05  # of the samples for which the model may have no equilibrium
 _POOR_SCALE = 0.25
 _LARGE_ZERO = 15.0  # [deg] encoders are zeroed more accurately
+_SOME_ZERO = 1.0  # [deg] more is rare in an encoder that was zeroed
+_LOST_GRAVITY = 0.05  # of its amplitude: standard deviation beyond which it is not told from the muscles
 _MOST_AREA = 0.05  # [m²] mean ∂F/∂P, five times that of the strongest commercial muscles
 _SAG_MISSED = 5.0  # times their standard deviation, root mean square
 NO_FRICTION = 1e-3  # a smaller |μ| is negligible
@@ -43,8 +47,9 @@ class Findings(NamedTuple):
     determinant_positive: bool
     slack: int  # forces below `taut_min`
     hysteresis_share: float
-    friction_std: float  # 0 if the friction was not fitted
+    std: Mapping[str, float]  # of the unknowns by name
     scale_std: float | None
+    rough: float  # greatest doubt of the stiffness by a table
 
 
 def checked(problem: JointProblem, x: Array) -> Unknowns:
@@ -186,7 +191,8 @@ def findings(
         determinant_positive=all(_determinant_positive(joint) for joint in joints),
         slack=int((problem.shares(u) < problem.taut_min).sum()),
         hysteresis_share=_hysteresis_share(problem, u),
-        friction_std=std.get("friction", 0.0),
+        std=std,
+        rough=max(map(doubt, joints), default=0.0),
         scale_std=None if problem.conventional else _scale_std(problem, u, covariance),
     )
 
@@ -205,19 +211,26 @@ def _of_the_model(problem: JointProblem, x: Array, found: Findings) -> Iterator[
         yield f"{FAILS}: {found.failure}"
     if not found.determinant_positive:
         yield "det ∂(T, K)/∂(P1, P2) changes sign: stiffness cannot be commanded everywhere"
+    if found.rough > ROUGH:
+        yield sentence(found.rough)
     if found.slack and problem.pull is None:  # an assumed pull share implies assumed slack cables
         yield f"{found.slack} of {2 * problem.samples.n} muscle forces are below {problem.taut_min:.0%} of the mean"
 
 
 def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterator[str]:
     s, zero = problem.samples, u.zero / DEG
-    if abs(zero) >= _LARGE_ZERO:
+    if "zero" in problem.extra and abs(zero) >= _LARGE_ZERO:
         yield (
             f"the encoder's zero would be off by {zero:.3g}°: is the geometry that of the joint, and are the "
-            "equilibria at rest and taut? If so, `run` subtracts the zero in the joint's file from all readings; "
-            "zero=False in Python leaves it out of the fit"
+            "equilibria at rest and taut? If so, `run` subtracts the zero in the joint's file from all readings"
         )
-    if "friction" in problem.extra and u.friction < -max(NO_FRICTION, 2 * found.friction_std):
+    elif "zero" in problem.extra and max(abs(zero), 2 * found.std["zero"] / DEG) >= _SOME_ZERO:
+        yield (
+            f"the encoder's zero of {zero:+.2g}° ± {found.std['zero'] / DEG:.1g}° was told from the balance of the "
+            "muscles, where unlike muscles look like a zero: if it is known, hold it by --zero (zero= in Python)"
+        )
+    yield from _of_the_gravity(problem, u, found.std)
+    if "friction" in problem.extra and u.friction < -max(NO_FRICTION, 2 * found.std.get("friction", 0.0)):
         yield f"μ = {u.friction:.3g} is negative: the directions look swapped"
     elif not (s.direction != 0).any():
         yield "no direction of motion: hysteresis, if there is any, sits in the error"
@@ -225,7 +238,11 @@ def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterato
         yield f"{found.hysteresis_share:.0%} of the squared error is hysteresis: friction=True explains most of it"
     if found.scale_std is not None and found.scale_std >= _POOR_SCALE:
         W = float(np.abs(s.torque).max())
-        needed = f"5 % would take {W * found.scale_std / 0.05:.2g} instead of {W:.2g} N·m, if the joint holds it"
+        needed = (
+            "hang a known weight"
+            if not W
+            else f"5 % would take {W * found.scale_std / 0.05:.2g} instead of {W:.2g} N·m, if the joint holds it"
+        )
         yield f"K is known to {found.scale_std:.0%} only: {needed}"
     if not problem.conventional and (area := problem.mean_area(u).real) >= _MOST_AREA:
         pull = f"{area * BAR:.3g} N/bar"
@@ -234,4 +251,17 @@ def _of_the_data(problem: JointProblem, u: Unknowns, found: Findings) -> Iterato
         yield (
             f"the sag test contradicts the law or the equilibria: its pressures are {error / BAR:.2g} bar from those "
             f"at which the cables go slack here, slack_noise = {problem.sag.noise / BAR:.2g} bar"
+        )
+
+
+def _of_the_gravity(problem: JointProblem, u: Unknowns, std: Mapping[str, float]) -> Iterator[str]:
+    """Yield that the rests do not tell a fitted gravity from the muscles."""
+    if FITTED_GRAVITY[0] not in problem.extra:
+        return
+    error, G = hypot(*(std[name] for name in FITTED_GRAVITY)), problem.gravity_of(u).torque
+    if error >= _LOST_GRAVITY * G:
+        yield (
+            f"the gravity of {G:.3g} ± {error:.2g} N·m is not told from the muscles' passive forces, which grow with "
+            "the angle as well, and K is as uncertain: weigh the link and give its m g l by --gravity, or fit rests of "
+            "the joint with its axis upright"
         )

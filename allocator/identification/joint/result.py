@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
+from allocator.files.atomic import write_text
 from allocator.identification.joint import report
 from allocator.identification.joint.doubt.common_force import (
     CommonForce,
@@ -26,18 +27,21 @@ from allocator.identification.joint.doubt.prediction import (
     force_intervals,
     predict,
 )
-from allocator.identification.joint.problem import JointProblem
+from allocator.identification.joint.filing import NOTHING_SAID, Said
+from allocator.identification.joint.problem import FITTED_GRAVITY, JointProblem
 from allocator.identification.joint.relative import WHY, Quantity, RelativeJoint, stiffness_with_gradient
 from allocator.identification.joint.report import GroupError
 from allocator.identification.joint.samples import JointSamples
-from allocator.identification.joint.search import best_start, minimise, scale_shape, starts
+from allocator.identification.joint.search import Unscaled, best_start, minimise, scale_shape, starts
 from allocator.identification.least_squares import at_bound, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
-from allocator.machine_file import save_machine
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.muscles import Muscle, Recipe
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
+
+_EXPLAINED = 0.3  # of the scatter of a shape: error of a fit that explains it
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,7 @@ class JointFit:
     ratio: float  # strength of the antagonist relative to the agonist [-]
     zero: float  # encoder reading at θ = 0 [rad]
     friction: float  # μ [-]; 0 if not fitted
+    gravity: Gravity  # of the link, given or fitted: no part of the shapes
     rms: float  # of all samples [rad]
     groups: tuple[GroupError, ...]
     hysteresis_share: float  # of the squared error of the prediction without friction; NaN without both directions
@@ -206,6 +211,10 @@ class JointFit:
             "left_out_deg": self.left_out / DEG,
             "encoder_zero_deg": self.zero / DEG,
             "encoder_zero_std_deg": std.get("zero", 0.0) / DEG,
+            "gravity_torque": self.gravity.torque,
+            "gravity_torque_std": self.gravity_std[0],
+            "hanging_angle_deg": self.gravity.hanging / DEG,
+            "hanging_angle_std_deg": self.gravity_std[1] / DEG,
             "friction": self.friction,
             "friction_std": std.get("friction", 0.0),
             "antagonist_ratio": self.ratio,
@@ -237,11 +246,21 @@ class JointFit:
             "force scale": "unknown" if self.scale is None else f"known{std}",
         }
 
-    def save(self, path: str | PathLike[str], group: object = None) -> None:
+    @property
+    def gravity_std(self) -> tuple[float, float]:
+        """Return the standard deviations of the gravity's amplitude [N·m] and hanging angle [rad]; 0 if not fitted."""
+        if FITTED_GRAVITY[0] not in self.problem.names or not self.gravity.torque:
+            return 0.0, 0.0
+        at = [self.problem.names.index(name) for name in FITTED_GRAVITY]
+        C, G, h = self.doubt.covariance[np.ix_(at, at)], self.gravity.torque, self.gravity.hanging
+        along, across = np.array([np.cos(h), np.sin(h)]), np.array([-np.sin(h), np.cos(h)]) / G
+        return float(np.sqrt(along @ C @ along)), float(np.sqrt(across @ C @ across))
+
+    def save(self, path: str | PathLike[str], group: object = None, said: Said = NOTHING_SAID) -> None:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.
 
-        Raises InvalidInput if the encoder's zero is beyond the search, and if μ is significantly negative: friction
-        would drive the joint.
+        Limits, gas and tables that are `said` of the joint stay. Raises InvalidInput if the encoder's zero is beyond
+        the search, and if μ is significantly negative: friction would drive the joint.
         """
         ended = at_bound(self.x, self.problem.lower, self.problem.upper, 1e-5, 1e-2)
         if "zero" in self.problem.names and ended[self.problem.names.index("zero")]:
@@ -261,22 +280,34 @@ class JointFit:
             "samples": self.samples.n,
             "rms_error_deg": round(float(np.degrees(self.rms)), 4),
             "encoder_zero_deg": round(float(np.degrees(self.zero)), 4),
+            "encoder_zero_std_deg": round(self.standard_deviations.get("zero", 0.0) / DEG, 4),
         }
-        save_machine(joint, path, scale_known=self.scale is not None, source=source)
+        write_text(path, said.text(joint, self.gravity, self.scale is not None, source))
 
 
 def first_search(problem: JointProblem, recipe: Recipe[Muscle]) -> Array:
     """Return the unknowns (m,) at the best of all starts, where the search to convergence begins.
 
-    One of them is the shape found from the samples without a weight, scaled by the deflection under the weight.
+    One of them is the shape found from the samples without a weight, scaled by the deflection under the weight. Raises
+    InvalidInput if the weight's deflection is lost in the scatter, unless another start explains that scatter.
     """
     wide = guided(with_free_friction(problem))
-    tried = list(starts(wide, recipe))
+    tried, fault = list(starts(wide, recipe)), None
+    if problem.free and "zero" not in problem.names:  # a held zero hides the laws that are only turned
+        freed = wide.with_free_zero()
+        found = dict(zip(freed.names, best_start(freed, starts(freed, recipe)).tolist(), strict=True))
+        tried.append(np.array([found[name] for name in wide.names]))
     still = problem.samples.torque == 0
     if problem.free and not still.all() and still.sum() > len(wide.names):
-        shape = replace(wide.on(still), conventional=True)
-        tried.append(scale_shape(wide, best_start(shape, starts(shape, recipe))))
-    return best_start(wide, tried)[: len(problem.names)]
+        shape = replace(wide.on(still), conventional=True, gravity=NO_GRAVITY)
+        try:
+            tried.append(scale_shape(wide, best_start(shape, starts(shape, recipe))))
+        except Unscaled as error:
+            fault = error
+    x = best_start(wide, tried)
+    if fault is not None and rms(wide.angle_error(x)) > _EXPLAINED * fault.scatter:
+        raise fault
+    return x[: len(problem.names)]
 
 
 def solved(
@@ -299,6 +330,7 @@ def solved(
         ratio=u.ratio,
         zero=u.zero,
         friction=u.friction,
+        gravity=problem.gravity_of(u),
         rms=rms(error),
         groups=report.groups(problem, x, error, leave_one_out),
         hysteresis_share=found.hysteresis_share,

@@ -62,6 +62,7 @@ class JointSamples:
         torque: ArrayLike | None = None,
         direction: ArrayLike | None = None,
         group: ArrayLike | None = None,
+        zero: float = 0.0,
     ) -> Self:
         """Return checked samples from array-like data.
 
@@ -78,7 +79,8 @@ class JointSamples:
             raise InvalidInput("direction has to be +1 where θ was rising, -1 where falling, 0 where not known")
         theta, P1, P2, torque, direction = (np.array(a, float).ravel() for a in checks.broadcast(**named))
         index, groups = _grouped(geometry, group, theta.size)
-        samples = cls(theta, P1, P2, torque, direction, index, groups)
+        held = float(checks.angle("zero", checks.number("zero", zero, "rad")))
+        samples = cls(theta, P1, P2, torque, direction, index, groups, zero=held)
         samples.check_reach()
         return samples
 
@@ -204,8 +206,9 @@ class JointSamples:
     def check_reach(self) -> None:
         """Refuse angles beyond the mechanism's range, or that would tear or crush a muscle."""
         low, high = self.reach()
-        beyond = (self.theta < low) | (self.theta > high)
-        inside = np.clip(self.theta, low, high)
+        turned = self.theta - self.zero
+        beyond = (turned < low) | (turned > high)
+        inside = np.clip(turned, low, high)
         (eps1, *_), (eps2, *_), _ = self.routes(inside)
         for muscle, eps in (("agonist", eps1), ("antagonist", eps2)):
             wrong = beyond | (eps < _CONTRACTIONS[0]) | (eps > _CONTRACTIONS[1])

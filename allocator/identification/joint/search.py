@@ -25,10 +25,11 @@ import numpy as np
 
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.joint.problem import CONVENTIONAL_AREA, JointProblem
+from allocator.identification.joint.problem import CONVENTIONAL_AREA, FITTED_GRAVITY, JointProblem
 from allocator.identification.joint.samples import JointSamples, Routes
 from allocator.identification.least_squares import solve, unit_columns
 from allocator.identification.muscle.fit import fit
+from allocator.joint.gravity import NO_GRAVITY
 from allocator.muscles import Muscle, Recipe, scaled
 from allocator.muscles.recipe import among
 from allocator.units import DEG
@@ -122,16 +123,27 @@ def _gauss_newton(problem: JointProblem, x: Array, r: Array) -> tuple[Array, flo
     return step, float(gain @ gain)
 
 
+class Unscaled(InvalidInput):
+    """The deflections by weights give a shape no force scale; `scatter` [rad] is their error."""
+
+    def __init__(self, reason: str, scatter: float) -> None:
+        super().__init__(reason)
+        self.scatter = scatter
+
+
 def scale_shape(problem: JointProblem, x: Array) -> Array:
-    """Return the unknowns `x` of a shape, on the force scale that gives the measured deflections by weights."""
-    hung = problem.on(problem.samples.torque != 0)
+    """Return the unknowns `x` of a shape, on the force scale that gives the measured deflections by weights.
+
+    Raises `Unscaled`.
+    """
+    hung = replace(problem.on(problem.samples.torque != 0), gravity=NO_GRAVITY)  # the muscles of a shape contain it
     unloaded = replace(hung, samples=replace(hung.samples, torque=0 * hung.samples.torque))
     u = problem.unknowns(x)
     theta, _ = unloaded.equilibrium(u)
     K = unloaded.balance(u, theta).stiffness
     factor = _force_scale(hung.samples, hung.samples.theta - unloaded.predicted(u), -hung.samples.torque / K)
     values = scaled(replace(u.muscle), factor).parameters
-    values["coulomb"] = factor * u.coulomb
+    values |= {name: factor * getattr(u, name) for name in ("coulomb", *FITTED_GRAVITY)}
     return np.array([values.get(name, value) for name, value in zip(problem.names, x.tolist(), strict=True)])
 
 
@@ -176,7 +188,10 @@ def first_guess(problem: JointProblem) -> Array:
 def starts(problem: JointProblem, recipe: Recipe[Muscle]) -> Iterator[Array]:
     """Yield starts of the search (m,): the prototype, then variable projections of it and of the recipe."""
     guess = first_guess(problem)
-    linear = np.array([name in problem.free and among(name, recipe.linear) for name in problem.names], bool)
+    linear = np.array(
+        [name in FITTED_GRAVITY or (name in problem.free and among(name, recipe.linear)) for name in problem.names],
+        bool,
+    )
     if not linear.any() or guess[linear].any():
         yield guess
     if not linear.any():
@@ -255,8 +270,8 @@ class Projection:
         """Return the equation errors (n,) and the conventions (2,), affine in the linear unknowns."""
         problem, s = self.problem, self.problem.samples
         u = problem.unknowns(x)
-        (eps1, a1, _), (eps2, *_), _ = routes
-        lacking, (one, two), _ = problem.torques(u, routes)
+        theta, (eps1, a1, _), (eps2, *_), _ = s.true_angles(u.zero), *routes
+        lacking, (one, two), _ = problem.torques(u, theta, routes)
         with np.errstate(all="ignore"):
             given = s.P1 * u.muscle.gain(s.P1, eps1), u.ratio * s.P2 * u.muscle.gain(s.P2, eps2)
         arm = np.mean(a1)
@@ -286,13 +301,15 @@ def _force_scale(samples: JointSamples, deflection: Array, expected: Array) -> f
         return 1 / compliance
     W, most = float(np.abs(samples.torque).max()), float(np.abs(expected).max())
     if compliance < -_SEEN * std:
-        raise InvalidInput(
+        raise Unscaled(
             f"torque of {W:.3g} N·m moves the joint by {-compliance * most / DEG:.2g}° the wrong way: it has to be "
-            "positive where the weight pulls θ down; turn its sign"
+            "positive where the weight pulls θ down; turn its sign",
+            scatter,
         )
     wanted = W * std / _WANTED / max(abs(compliance), std)
-    raise InvalidInput(
+    raise Unscaled(
         f"torque of {W:.3g} N·m moves the joint by {compliance * most / DEG:.2g}° ± {std * most / DEG:.2g}°, which "
         f"drowns in a scatter of {scatter / DEG:.2g}°: the force scale would be chance; hang about {wanted:.2g} N·m on "
-        "either side"
+        "either side",
+        scatter,
     )

@@ -18,6 +18,7 @@ from allocator.identification.motion.search import Found, fit_regulators, search
 from allocator.identification.motion.static import Difference, Equilibrium
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.assumption import with_volumes
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.units import BAR
 
 _MOST_SUPPLY = 2.0  # greatest pressure of a log relative to the supply of the given joint
@@ -49,6 +50,8 @@ def fit_motion(
     *,
     joint: AntagonistJoint | None = None,
     zero: float = 0.0,
+    hold_zero: bool = False,
+    gravity: Gravity = NO_GRAVITY,
     measured: tuple[ArrayLike, ArrayLike] | None = None,
     scale_known: bool = True,
     gas: bool | None = None,
@@ -72,6 +75,10 @@ def fit_motion(
         there is no plant to save.
     zero
         Encoder reading [rad] at 0 of `joint`, `JointFit.zero`; corrected by up to 20°, like the muscles.
+    hold_zero
+        Whether that reading is known, and stays.
+    gravity
+        The known gravity of the link of `joint`, `JointFit.gravity`, which its muscles do not contain.
     measured
         Pressures of both sensors [Pa], arrays (n,), if `P1` and `P2` are commands. The regulators are then fitted to
         these, and the angle determines `reading_age` separately from `dead_time`.
@@ -99,9 +106,8 @@ def fit_motion(
     full, taken, kinds = joint, "", [False]
     if joint is not None and gas is not False:
         (full, taken), kinds = with_volumes(joint), [True] if gas else [False, True]
-    problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held, zero)) for held in kinds]
-    sensed = None if measured is None else sensed_at(log.t, t, measured)
-    sensed = sensed if log.varies_speed else None
+    problems = [MotionProblem.of(log, _static(full, log.greatest_pressure, held, zero, gravity)) for held in kinds]
+    sensed = None if measured is None or not log.varies_speed else sensed_at(log.t, t, measured)
     trained, unseen = _trained(problems, early, sensed, tell)
     tell("all rows")
     found = trained.again(every)
@@ -123,6 +129,8 @@ def fit_motion(
         converged=found.converged,
         given=full if found.problem.gas else joint,
         zero=zero,
+        gravity=gravity,
+        hold_zero=hold_zero,
         scale_known=scale_known,
         problem=found.problem,
         x=found.x,
@@ -130,7 +138,9 @@ def fit_motion(
     )
 
 
-def _static(joint: AntagonistJoint | None, greatest: float, gas: bool, zero: float) -> Difference | Equilibrium:
+def _static(
+    joint: AntagonistJoint | None, greatest: float, gas: bool, zero: float, gravity: Gravity
+) -> Difference | Equilibrium:
     """Return the variable of the static angle's polynomial, for pressures up to `greatest` [Pa]."""
     if joint is None:
         return Difference(greatest)
@@ -139,7 +149,7 @@ def _static(joint: AntagonistJoint | None, greatest: float, gas: bool, zero: flo
             f"the pressures of the log go up to {greatest / BAR:.3g} bar, those of the joint up to {supply / BAR:.3g} "
             "bar: check the unit of P1 and P2 [Pa], or the joint's supply"
         )
-    return Equilibrium(joint, greatest, gas, zero)
+    return Equilibrium(joint, greatest, gas, zero, gravity)
 
 
 def _trained(

@@ -18,9 +18,10 @@ inverse, because an oscillating joint reverses where u does not.
     (a2 θ'' + a1 θ')/k(P1 + P2) + H⁻¹[θ] = u,   H⁻¹[θ] = θ + f Σ κ_i e_i[θ],   κ_i ≥ 0            `loops.swing`
 
 with stops e_i, and k the stiffness over that at the mean pressures, of the given joint, else as P1 + P2. The κ_i are
-unknowns then. The springs of the stops are shares of the stiffness, f = 1, or with a given joint also springs of their
-own, f = 1/k. The gain of H is 1: any other gain belongs to the static angle. φ are monomials in s and q, q the
-equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2), s the co-contraction in units of P_max.
+unknowns then. The springs of the stops are shares of the muscles' stiffness, with f their share of all of it (1 without
+gravity), or with a given joint also springs of their own, f = 1/k. The gain of H is 1: any other gain belongs to the
+static angle. φ are monomials in s and q, q the equilibrium angle of a given joint, else (P1 - P2)/(P1 + P2 + P_max/2),
+s the co-contraction in units of P_max.
 """
 
 from collections.abc import Callable, Sequence
@@ -210,12 +211,12 @@ class MotionProblem:
         """Return θ (n,) [rad] of a joint that swings, for rows that are `step` [s] apart; each of the `parts` anew."""
         v, k, s = self.values(x), self._stiffness(P1, P2), self._scale(u, P1, P2, x)
         a1, a2 = v["damping"], v["inertia"]
-        f = self._firm(k)
+        f = self._firm(k, P1, P2)
         return np.concatenate([loops.swung(u[i], s[i], k[i], f[i], kappa, self.widths, a1, a2, step) for i in parts])
 
-    def _firm(self, k: Array) -> Array:
-        """Return f (n,) [-] where the stiffness is `k` (n,) times the usual one."""
-        return np.ones(k.size) if self.elastic else 1 / k
+    def _firm(self, k: Array, P1: Array, P2: Array) -> Array:
+        """Return f (n,) [-] at these pressures, where the stiffness is `k` (n,) times the usual one."""
+        return self.static.muscles_share(P1, P2) if self.elastic else 1 / k
 
     def _stiffness(self, P1: Array, P2: Array) -> Array:
         """Return k (n,) [-] over the usual stiffness."""
@@ -243,7 +244,7 @@ class MotionProblem:
         """Return κ (widths,) [-] to begin with: u - θ ≈ Σ κ_i e_i with the stops of the measured angle."""
         theta = self.log.theta
         stops = theta - self._plays(theta, self._scale(u, P1, P2, x), self.log.parts)
-        stops = stops * self._firm(self._stiffness(P1, P2))
+        stops = stops * self._firm(self._stiffness(P1, P2), P1, P2)
         return best_weights(stops[:, used], (u - theta)[used], _STRONGEST)
 
     def elsewhere(self, t: Array, commands: tuple[Array, Array], x: Array, weights: Array) -> Prediction:
@@ -318,7 +319,7 @@ class MotionProblem:
         """
         if self.swings:
             there, K = weights > _NO_SPRING, None if self.elastic else k * self._usual
-            kappa, r = weights[there] * float(self._firm(np.array([k]))[0]), tuple(self.widths[there])
+            kappa, r = weights[there] / (1.0 if self.elastic else k), tuple(self.widths[there])
             back = (1 + float(kappa.sum()), *-kappa)
             return PrandtlIshlinskii(back, r, base=self.values(x)["base"], stiffness=K).inverse
         there = weights > 0

@@ -18,6 +18,7 @@ from allocator.identification.motion.problem import MotionProblem, Prediction
 from allocator.identification.motion.samples import MotionLog
 from allocator.identification.motion.static import Equilibrium, fit_muscles
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gravity import Gravity
 from allocator.joint.hysteresis import PrandtlIshlinskii
 from allocator.muscles import Muscle
 from allocator.presentation.tables import html_table, number
@@ -57,7 +58,7 @@ class MovingJoint(NamedTuple):
     joint: AntagonistJoint
     zero: float  # of the encoder [rad]
     values: Mapping[str, float]  # nonlinear unknowns by name; 0 if not identified
-    stiffness: float  # at the mean pressures [N·m/rad], in the scale of the joint's forces, as are the next two
+    stiffness: float  # at the mean pressures, gravity's included [N·m/rad]; in the scale of the forces, as the next two
     damping: float  # [N·m·s/rad]
     inertia: float  # [kg·m²]
 
@@ -81,6 +82,8 @@ class MotionFit:
     converged: bool
     given: AntagonistJoint | None = field(repr=False)  # initial joint
     zero: float  # encoder reading at its 0 [rad]
+    gravity: Gravity  # of the link, known: no part of the muscles
+    hold_zero: bool = field(repr=False)  # whether `zero` is known
     scale_known: bool = field(repr=False)
     problem: MotionProblem = field(repr=False)
     x: Array = field(repr=False)  # its unknowns
@@ -195,7 +198,9 @@ class MotionFit:
             )
         run, given, log = self.problem.run(x, used), self.given, self.log
         rows = np.flatnonzero(used)[np.linspace(0, used.sum() - 1, min(int(used.sum()), _MUSCLE_ROWS)).astype(int)]
-        agonist, antagonist, further = fit_muscles(given, run.static[rows] - self.zero, run.P1[rows], run.P2[rows])
+        agonist, antagonist, further = fit_muscles(
+            given, run.static[rows] - self.zero, run.P1[rows], run.P2[rows], self.gravity, self.hold_zero
+        )
         if isinstance(self.problem.static, Equilibrium) and self.problem.gas:
             more = self.problem.static.supplement(self.problem.values(x)["volume"])
             agonist, antagonist = (_holding(*one, given) for one in zip((agonist, antagonist), more, strict=True))
@@ -213,14 +218,23 @@ class MotionFit:
             covariance=None,
         )
         P1, P2 = float(run.P1.mean()), float(run.P2.mean())
-        K = float(np.median(joint.stiffness(joint.equilibrium(P1, P2), P1, P2)))
-        H = self.problem.operator(x, run.weights)  # in the scale of the refitted muscles, as damping and inertia are
-        joint = replace(joint, hysteresis=H if H.stiffness is None else replace(H, stiffness=K))
+        at = joint.equilibrium(P1, P2, gravity=self.gravity)
+        muscles = float(np.median(joint.stiffness(at, P1, P2)))
+        K = muscles + float(np.median(self.gravity.stiffness(at)))
+        joint = replace(joint, hysteresis=self._scaled(self.problem.operator(x, run.weights), K, K / muscles))
         values = self.problem.values(x)
         if (age := self.parameters.get("reading_age")) is not None:
             old = min(age.value, values["dead_time"])
             values |= {"dead_time": values["dead_time"] - old, "reading_age": old}
         return MovingJoint(joint, zero, values, K, values["damping"] * K, values["inertia"] * K)
+
+    def _scaled(self, H: PrandtlIshlinskii, K: float, ratio: float) -> PrandtlIshlinskii:
+        """Return H in the scale of the refitted muscles, whose stiffness is that of the joint K over `ratio`."""
+        if H.stiffness is not None:
+            return replace(H, stiffness=K)
+        if self.problem.swings or not self.gravity.torque:
+            return H
+        return H.stiffened(ratio)  # its springs are shares of the stiffness of the muscles alone
 
     # --- in words ---------------------------------------------------------------------------------------------------
 

@@ -141,6 +141,14 @@ class MotionLog:
         """Return the greatest pressure [Pa]."""
         return float(max(self.P1.max(), self.P2.max()))
 
+    def fastest(self, duration: float) -> float:
+        """Return the fastest change [Pa/s] of a pressure over `duration` [s], or over a row if that is longer."""
+        rows = max(round(duration / self.step), 1)
+        rises = [
+            np.abs(P[part][rows:] - P[part][:-rows]).max(initial=0.0) for part in self.parts for P in (self.P1, self.P2)
+        ]
+        return float(max(rises)) / (rows * self.step)
+
     @property
     def varies_sum(self) -> bool:
         """Return whether P1 + P2 varies enough to identify its effects."""

@@ -6,10 +6,10 @@ joint are corrected so that its equilibria match the log of another joint of its
     minimise  Σ_k (u_k - z - θ_eq(P1_k, P2_k; p))²  +  n w² [(z/z⁰)² + (‖F(p) - F⁰‖/‖F⁰‖)²]    over the zero z and p
 
 z is the encoder's zero beyond the given one, p are the parameters of both muscles, F(p) their forces on a grid of
-pressures and contractions and F⁰ those of the given ones. So properties that the angles do not determine keep their
-values, above all the force scale. A zero is hard to distinguish from other muscles, and the errors come from the model
-as much as from the sensor: with a smaller w both move far away to gain a few tenths of a degree. No parameter changes
-its sign.
+pressures and contractions and F⁰ those of the given ones; θ_eq balances a known gravity. So properties that the angles
+do not determine keep their values, above all the force scale. A zero is hard to distinguish from other muscles, and the
+errors come from the model as much as from the sensor: with a smaller w both move far away to gain a few tenths of a
+degree. No parameter changes its sign.
 
 If the given muscles were fitted (`covariance`), the stiffness within the range of their fit is held as well, since
 angles do not show its scale: a departure by its standard deviation σ_K (at least `_LEAST_STD`) costs as much as an
@@ -24,6 +24,7 @@ import numpy as np
 from allocator.calculus import Array, falling_root
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.one_muscle import OneMuscle
 from allocator.muscles import Muscle
 from allocator.units import DEG
@@ -36,6 +37,7 @@ _ZERO = 40 * DEG  # z⁰: a zero that costs as much as doubled forces
 _SHARES, _CONTRACTIONS = np.meshgrid([1 / 3, 2 / 3, 1.0], [0.0, 0.08, 0.16, 0.24])  # of the supply; [-]
 _MOST_CHANGE = 0.9  # of a parameter, relative
 _MOST_ZERO = 0.35  # of the encoder [rad]
+_HELD_ZERO = 1e-6  # [rad] of a known one
 _TURN = np.pi  # [rad] limit of the search
 _LEAST_FIRM = 0.25  # of the median stiffness: least divisor of torques
 _CLOSE = 1e-7  # [rad] a Newton step after which the next is below rounding
@@ -55,6 +57,10 @@ class Difference:
         """Return P1 + P2 (…) [Pa], to which the stiffness is about proportional."""
         return np.asarray(P1 + P2)
 
+    def muscles_share(self, P1: Array, P2: Array) -> Array:
+        """Return ones (…), see `Equilibrium`: no gravity is known."""
+        return np.ones(np.shape(P1))
+
     def squeezed(self, theta: Array, volume: float) -> tuple[tuple[Array, Array], float]:
         """Return factors of one, see `Equilibrium`: without muscles the volumes are unknown."""
         return (np.ones(theta.size), np.ones(theta.size)), 0.0
@@ -68,14 +74,22 @@ class Equilibrium:
     greatest: float  # P_max [Pa]
     gas: bool = True  # whether motion compresses the gas in its muscles
     zero: float = 0.0  # encoder reading at 0 of the joint [rad]
+    gravity: Gravity = NO_GRAVITY  # of the link
 
     def __call__(self, P1: Array, P2: Array) -> Array:
         """Return q (…) [rad]."""
         return self._at(P1, P2, self._grids[0])
 
     def stiffness(self, P1: Array, P2: Array) -> Array:
-        """Return the stiffness (…) [N·m/rad] of the joint at rest."""
+        """Return the stiffness (…) [N·m/rad] of the joint at rest, that of gravity included."""
         return self._at(P1, P2, self._grids[1])
+
+    def muscles_share(self, P1: Array, P2: Array) -> Array:
+        """Return the muscles' share (…) [-] of that stiffness."""
+        if not self.gravity.torque:
+            return np.ones(np.shape(P1))
+        K = self.stiffness(P1, P2)
+        return np.divide(self._at(P1, P2, self._grids[2]), K, out=np.ones(K.shape), where=K > 0)
 
     def _at(self, P1: Array, P2: Array, grid: Array) -> Array:
         """Return a quantity (…) interpolated bilinearly between its values `grid` (P1, P2), the nearest outside."""
@@ -109,8 +123,11 @@ class Equilibrium:
         return (volume - 1) * float(one.volume(P)), (volume - 1) * float(two.volume(P))
 
     @cached_property
-    def _grids(self) -> tuple[Array, Array]:
-        """Return angle [rad] and stiffness [N·m/rad] on the grid of pressures, the nearest where there are none."""
+    def _grids(self) -> tuple[Array, Array, Array]:
+        """Return angle [rad], stiffness and the muscles' part of it [N·m/rad] on the grid of pressures.
+
+        Where there are none, they are the nearest.
+        """
         from scipy.interpolate import NearestNDInterpolator
 
         wide = replace(self.joint, angle_limits=None, covariance=None)
@@ -119,24 +136,27 @@ class Equilibrium:
             wide = replace(wide, min_contraction=low)
         P = np.linspace(0.0, self.greatest, _GRID)
         P1, P2 = np.meshgrid(P, P, indexing="ij")
-        theta = wide.equilibrium(P1, P2)
+        theta = wide.equilibrium(P1, P2, gravity=self.gravity)
         known = np.isfinite(theta)
         if known.mean() < 0.5:
             raise InvalidInput(
                 f"joint rests nowhere at {1 - known.mean():.0%} of the pressures up to {self.greatest:.3g} Pa: it is "
                 "not the joint of this log"
             )
-        K = np.full(theta.shape, np.nan)
-        K[known] = wide.stiffness(theta[known], P1[known], P2[known])
-        nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), np.stack([theta, K], axis=-1)[known])
-        there = np.where(known[..., None], np.stack([theta, K], axis=-1), nearest(P1, P2))
-        return there[..., 0], there[..., 1]
+        muscles = wide.stiffness(theta[known], P1[known], P2[known])
+        found = np.full((*theta.shape, 3), np.nan)
+        found[known] = np.stack([theta[known], muscles + self.gravity.stiffness(theta[known]), muscles], axis=-1)
+        nearest = NearestNDInterpolator(np.stack([P1[known], P2[known]], axis=1), found[known])
+        there = np.where(known[..., None], found, nearest(P1, P2))
+        return there[..., 0], there[..., 1], there[..., 2]
 
 
-def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple[Muscle, Muscle, float]:
+def fit_muscles(
+    joint: AntagonistJoint, u: Array, P1: Array, P2: Array, gravity: Gravity = NO_GRAVITY, hold_zero: bool = False
+) -> tuple[Muscle, Muscle, float]:
     """Return agonist, antagonist and the encoder's zero [rad] with equilibria u (n,) [rad] at P1, P2 (n,) [Pa].
 
-    Raises `InvalidInput` if these are no longer valid muscles.
+    With `hold_zero` that zero is 0. Raises `InvalidInput` if these are no longer valid muscles.
     """
     from scipy.optimize import least_squares
 
@@ -155,20 +175,20 @@ def fit_muscles(joint: AntagonistJoint, u: Array, P1: Array, P2: Array) -> tuple
     def held(error: Array, x: Array) -> Array:
         changed = (forces(*muscles(x)) - usual) / np.linalg.norm(usual)
         prior = _HOLD * np.sqrt(u.size) * np.append(changed, x[0] / _ZERO)
-        stiffer = (_balance(joint, *muscles(x), u - x[0], P1, P2)[1] - K) * sure if sure.any() else 0 * K
+        stiffer = (_balance(joint, *muscles(x), u - x[0], P1, P2, gravity)[1] - K) * sure if sure.any() else 0 * K
         return np.concatenate([error, prior, _HOLD_STIFFNESS * stiffer]) / DEG
 
     def residual(x: Array) -> Array:
-        return held(u - x[0] - _equilibrium(joint, *muscles(x), u - x[0], P1, P2), x)
+        return held(u - x[0] - _equilibrium(joint, *muscles(x), u - x[0], P1, P2, gravity), x)
 
     def torques(x: Array) -> Array:
-        return held(_balance(joint, *muscles(x), u - x[0], P1, P2)[0] / firm, x)
+        return held(_balance(joint, *muscles(x), u - x[0], P1, P2, gravity)[0] / firm, x)
 
     usual = forces(joint.agonist, joint.antagonist)
-    K = _balance(joint, joint.agonist, joint.antagonist, u, P1, P2)[1]
+    K = _balance(joint, joint.agonist, joint.antagonist, u, P1, P2, gravity)[1]
     firm = np.maximum(K, _LEAST_FIRM * np.median(K))
     sure = _sureness(joint, u, P1, P2, _LEAST_STD * firm)
-    most = np.array([_MOST_ZERO, *[_MOST_CHANGE] * given.size])
+    most = np.array([_HELD_ZERO if hold_zero else _MOST_ZERO, *[_MOST_CHANGE] * given.size])
     size = np.array([0.05, *[0.2] * given.size])
     x = 0 * size
     for objective in (torques, residual):  # far away the angles of a soft joint jump; torques are smooth
@@ -191,7 +211,7 @@ def _sureness(joint: AntagonistJoint, u: Array, P1: Array, P2: Array, least: Arr
 
     def stiffness(p: Array) -> Array:
         agonist, antagonist = (one.unchecked(part.tolist()) for one, part in zip(pair, (p[:m], p[m:]), strict=True))
-        return _balance(joint, agonist, antagonist, u, P1, P2)[1]
+        return _balance(joint, agonist, antagonist, u, P1, P2, NO_GRAVITY)[1]
 
     steps = 1e-4 * np.diag(np.where(given == 0, 1.0, given))
     slopes = [(stiffness(given + step) - stiffness(given - step)) / (2 * step.sum()) for step in steps]
@@ -201,24 +221,25 @@ def _sureness(joint: AntagonistJoint, u: Array, P1: Array, P2: Array, least: Arr
 
 
 def _equilibrium(
-    joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, start: Array, P1: Array, P2: Array
+    joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, start: Array, P1: Array, P2: Array, gravity: Gravity
 ) -> Array:
     """Return θ_eq (n,) [rad], searched from `start` (n,) [rad]."""
     reach = joint.geometry.reach
     low, high = (np.full(start.size, end) for end in (max(reach[0], -_TURN), min(reach[1], _TURN)))
 
     def balance(theta: Array) -> tuple[Array, Array]:
-        return _balance(joint, agonist, antagonist, theta, P1, P2)
+        return _balance(joint, agonist, antagonist, theta, P1, P2, gravity)
 
     return falling_root(balance, np.clip(start, low, high), low, high, _CLOSE)
 
 
 def _balance(
-    joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, theta: Array, P1: Array, P2: Array
+    joint: AntagonistJoint, agonist: Muscle, antagonist: Muscle, theta: Array, P1: Array, P2: Array, gravity: Gravity
 ) -> tuple[Array, Array]:
-    """Return torques (n,) [N·m] and stiffnesses (n,) [N·m/rad] at the angles `theta` (n,) [rad]."""
+    """Return torques (n,) [N·m] and stiffnesses (n,) [N·m/rad], gravity included, at the angles `theta` (n,) [rad]."""
     l0 = joint.geometry.rest_length
     one = OneMuscle.at_joint(agonist, True, l0, joint.geometry.agonist(theta))
     two = OneMuscle.at_joint(antagonist, False, l0, joint.geometry.antagonist(theta))
     with np.errstate(all="ignore"):
-        return one.torque(P1) + two.torque(P2), one.stiffness(P1) + two.stiffness(P2)
+        torque = one.torque(P1) + two.torque(P2) - gravity.moment(theta)
+        return torque, one.stiffness(P1) + two.stiffness(P2) + gravity.stiffness(theta)

@@ -15,7 +15,7 @@ high frequency is left out as well if the regulators hardly reach the other two.
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from math import atan, cos, inf, pi, sqrt
+from math import atan, inf, pi, sqrt
 
 import numpy as np
 
@@ -107,7 +107,7 @@ class Experiment(Driver):
         self._amplitude = tones.amplitude
         self._gains = self._torque_gains(theta)
         P1, P2 = self.first
-        self._backbone = float(plant.joint.stiffness(theta, P1, P2)) + plant.gravity_torque * cos(theta)
+        self._backbone = float(plant.joint.stiffness(theta, P1, P2)) + float(plant.gravity.stiffness(theta))
         self._scales = {False: 1.0, True: 0.8}  # drive over the expected one: of slow and of quick tones
         self._exponents = {False: CAUTIOUS, True: CAUTIOUS}  # of the drive by the swing, in the last search
         self._until = tones.longest  # [s], the end
@@ -249,7 +249,7 @@ class Experiment(Driver):
         P1, P2 = self.first
         loop = self.known.friction.loop
         K = self.plant.joint.stiffness(self._rest, P1, P2, amplitude=amplitude, loop=loop)
-        return complex(float(K) + self.plant.gravity_torque * float(np.cos(self._rest)))
+        return complex(float(K) + float(self.plant.gravity.stiffness(self._rest)))
 
     def _planned(self) -> float:
         """Return the wanted amplitude, or one near it that the regulators can follow better."""

@@ -218,7 +218,7 @@ def _part(plant: Plant, log: Samples, part: slice, known: Known, r: Array, scale
     one = over(np.ones(theta.size), bump)
     shape = over(theta - np.median(log.theta), bump)
     X = np.stack([*(over(c, bump) for c in columns), over(theta, slope), one, -one, -shape, shape], axis=1)
-    return X, known.inertia * over(theta, bend) + plant.gravity_torque * over(np.sin(theta), bump)
+    return X, known.inertia * over(theta, bend) + over(plant.gravity.moment(theta), bump)
 
 
 def _scale(x: Array) -> Array:

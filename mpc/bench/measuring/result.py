@@ -234,7 +234,7 @@ def _average(values: tuple[float, float], errors: tuple[float, float]) -> tuple[
 
 def _gravity(plant: Plant, theta: float) -> float:
     """Return the stiffness of gravity [N·m/rad], which loops contain."""
-    return plant.gravity_torque * float(np.cos(theta))
+    return float(plant.gravity.stiffness(theta))
 
 
 def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
@@ -246,7 +246,7 @@ def _balance(plant: Plant, tones: list[Tone], A: float) -> Load:
     theta = float(np.mean([t.middle[0] for t in tones]))
     height = float(np.mean([abs(sum(t.loop().losses)) for t in tones])) * A
     error = sqrt((_BALANCED * (abs(one) + abs(two)) / 2) ** 2 + (_CENTRED * height) ** 2)
-    return Load((one, two), plant.gravity_torque * float(np.sin(theta)), error)
+    return Load((one, two), float(plant.gravity.moment(theta)), error)
 
 
 def _felt(

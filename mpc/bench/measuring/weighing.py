@@ -12,7 +12,7 @@ by more than three standard deviations, the measurement is refused.
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import sin, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 from mpc.bench.measuring.loops import Tone
@@ -46,7 +46,7 @@ def scale_of(plant: Plant, without: Tone, loaded: Tone, weight: float, strengths
         theta, *P = tone.middle
         sides = plant.joint.sides(theta)
         torque = sum(g * float(s.torque(p)) for g, s, p in zip(strengths, sides, P, strict=True))
-        torques.append(torque - plant.gravity_torque * sin(theta))
+        torques.append(torque - float(plant.gravity.moment(theta)))
     taken = torques[1] - torques[0]
     height = max(abs(sum(tone.loop().losses)) * tone.swing for tone in (without, loaded))
     ratio = weight / taken if taken * weight > 0 else float("nan")

@@ -59,7 +59,7 @@ def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, 
     moved[0] = moved[1] = moved[2] = 0.0
     for k in range(M):
         theta, omega = x[k, 0], x[k, 1]
-        T = inertia * x[k, 2] + damping * omega + gravity * np.sin(theta) - d[k]
+        T = inertia * x[k, 2] + damping * omega + gravity * np.sin(theta - known.hanging) - d[k]
         pair = allocated(theta, K[k], T, p, left, right, known.min_force, c)
         x[k, 2], x[k, 3] = pair[0], pair[1]
         y[k, 0], y[k, 1], y[k, 2], sure = pair[3], 0.0, 0.0, sure and pair[6]

@@ -1,6 +1,7 @@
 """`antagonist allocate` as a person meets it."""
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -27,6 +28,20 @@ def test_allocate_prints_what_the_library_answers():
     assert result.exit_code == 0
     for text in ("EXACT", f"{answer.P1 / BAR:.4f}", f"{answer.P2 / BAR:.4f}", "torque and stiffness are met"):
         assert text in result.output
+
+
+def test_allocate_holds_the_link_of_a_file_against_its_gravity(tmp_path):
+    path = tmp_path / "plant.toml"
+    save_machine(report_joint(), path)
+    with path.open("a") as file:
+        file.write("\n[plant]\ngravity_torque = 2.0\nhanging_angle = 0.1\n")
+    asked = ["allocate", "--machine", str(path), "--theta", "30", "--stiffness", "7.5", "--torque", "0.5"]
+    result = CliRunner().invoke(app, asked)
+    weight = 2.0 * math.sin(30 * DEG - 0.1)
+    answer = allocate(30 * DEG, 7.5, 0.5 + weight)
+    assert f"{answer.P1 / BAR:.4f}" in result.output
+    assert f"{weight:.3g} N·m of the torque hold the link against its gravity" in result.output
+    assert json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)["gravity_Nm"] == pytest.approx(weight)
 
 
 def test_allocate_says_what_is_in_the_way():

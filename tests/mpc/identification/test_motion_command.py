@@ -33,17 +33,6 @@ def write(path, header, log, rows=None):
     return path
 
 
-def test_a_joint_with_gravity_is_refused_before_the_fit(slow_joint, tmp_path):
-    log = write(tmp_path / "log.csv", "t [s],phi [deg],p1 [bar],p2 [bar]", slow_joint, 600)
-    save_machine(JOINT, tmp_path / "joint.toml")
-    with (tmp_path / "joint.toml").open("a", encoding="utf-8") as file:
-        file.write("\n[plant]\ngravity_torque = 1.6\n")
-    result = run(log, "--machine", tmp_path / "joint.toml", "--out", tmp_path / "plant.toml")
-    assert result.exit_code != 0
-    assert "gravity_torque = 1.6 N·m: fit-motion has no gravity" in str(result.exception)
-    assert not (tmp_path / "plant.toml").exists()
-
-
 @pytest.fixture(scope="module")
 def identified(slow_joint, tmp_path_factory):
     """The directory of a plant.toml and a fit.png that the command made of a log, and what it printed."""

@@ -22,7 +22,7 @@ def integrated(plant, x, u, d, seconds):
 
 
 def test_symbols_and_numbers_give_the_same_rates(joint):
-    plant = Plant(joint=joint, lag=(0.1, 0.2), gravity_torque=1.5)
+    plant = Plant(joint=joint, lag=(0.1, 0.2), gravity_torque=1.5, hanging_angle=-0.2)
     x, u, d = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("d")
     symbolic = ca.Function("f", [x, u, d], [ca.vertcat(*plant.rate(x, u, d))])(X0, U, 0.4)
     np.testing.assert_allclose(symbolic.full()[:, 0], plant.rate(X0, U, 0.4), rtol=1e-12)

@@ -31,7 +31,7 @@ CASES = {  # name of the joint, plant, dt, blocks, how far all is from rest: com
     "report, within the limits": ("report", {}, 0.01, (1,) * 12, 0.02),
     "substeps, gravity, blocks": (
         "sarosi-lever",
-        {"lag": (0.1, 0.03), "venting": 1.5, "gravity_torque": 0.8},
+        {"lag": (0.1, 0.03), "venting": 1.5, "gravity_torque": 0.8, "hanging_angle": 0.4},
         0.04,
         (1, 1, 2, 4),
         0.5,

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from allocator.calculus import Array, Mask
-from allocator.identification.joint.problem import JointProblem, Unknowns
+from allocator.identification.joint.problem import FITTED_GRAVITY, JointProblem, Unknowns
 from allocator.identification.joint.samples import JointSamples
 from allocator.identification.least_squares import rms, unit_columns
 from allocator.joint.antagonist import AntagonistJoint
@@ -39,6 +39,7 @@ _DECAY = 0.75  # of the standard deviation of c, per degree
 _USUAL, _FACTOR = 0.02, 3.0  # median of τ [-], and the factor of one standard deviation
 _GRID = np.geomspace(1e-8, 1e8, 65)  # τ²/σ², in units of 1/(mean squared singular value of B)
 _LOOSE = {"log_ratio": 0.5, "zero": 0.35, "friction": 0.3}  # standard deviations beforehand [-], [rad], [-]
+_LOOSE |= dict.fromkeys(FITTED_GRAVITY, 10.0)  # [N·m]
 _PARAMETER = 5.0  # … of a muscle's parameter, relative [-]
 _FRICTION = 0.1  # … of b [rad]
 _LEAST = 1e-6  # [rad] errors assumed of exact data

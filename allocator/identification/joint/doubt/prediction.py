@@ -43,7 +43,7 @@ def predict(
         geometry = next(iter(known))
     measured = fit.samples.theta
     middle = (measured.min() + measured.max()) / 2
-    s = JointSamples.checked(middle, P1, P2, geometry=geometry, torque=torque, direction=direction)
+    s = JointSamples.checked(middle, P1, P2, geometry=geometry, torque=torque, direction=direction, zero=fit.zero)
     there = replace(fit.problem, samples=s, margin=float(np.ptp(measured)) / 2 + _MOST_BEYOND)
     _, reached = there.equilibrium(there.unknowns(fit.x))
     std = angle_std(fit, there, new_group=geometry not in known)

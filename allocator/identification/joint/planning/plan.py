@@ -15,8 +15,9 @@ joint, μ = 0.13, and its stiffness two standard deviations away from zero.
 measurement that would.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,7 @@ from allocator.identification.joint.relative import stiffness_with_gradient
 from allocator.identification.joint.report import parameter_jacobian
 from allocator.identification.joint.samples import JointSamples
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.units import BAR, DEG
 
 APPROACH = 0.5 * BAR  # distance of a pressure from which a setpoint is approached, without friction
@@ -135,6 +137,7 @@ def plan_joint_experiment(
     pressures: ArrayLike | None = None,
     weights: Iterable[float] | None = None,
     setpoints: int | None = None,
+    gravity: Gravity = NO_GRAVITY,
 ) -> JointPlan:
     """Plan the measurement for `fit_joint` on a roughly known `joint` (a guess, a data sheet, a first fit).
 
@@ -153,6 +156,8 @@ def plan_joint_experiment(
         Available torques [N·m]; by default those that move the joint by 5°, 8° and 12°.
     setpoints
         Number of setpoints; by default three times the unknowns of the fit, or more if `accuracy` needs them.
+    gravity
+        The known gravity of the link, which the fit is to be given as well.
 
     Raises
     ------
@@ -167,7 +172,8 @@ def plan_joint_experiment(
     supply = joint.pressure_limits[1]
     levels = np.linspace(min(_LOWEST, supply / 3), supply, LEVELS) if pressures is None else pressures
     P = np.unique(checks.positive_pressure("pressures", levels))
-    plans = [_plan(joint, accuracy, sigma, P, float(W), setpoints) for W in _weights(joint, weights)]
+    hung = _weights(joint, weights)
+    plans = [_plan(joint, accuracy, sigma, partial(_candidates, joint, gravity, P), float(W), setpoints) for W in hung]
     return min(plans, key=lambda p: (not p.reached, len(p.setpoints) if p.reached else 0, p.expected, p.weight))
 
 
@@ -184,9 +190,14 @@ def _weights(joint: AntagonistJoint, given: Iterable[float] | None) -> list[floa
 
 
 def _plan(
-    joint: AntagonistJoint, accuracy: float, sigma: float, levels: Array, W: float, setpoints: int | None
+    joint: AntagonistJoint,
+    accuracy: float,
+    sigma: float,
+    candidates_of: Callable[[float], tuple[JointProblem, Array, Array]],
+    W: float,
+    setpoints: int | None,
 ) -> JointPlan:
-    problem, x, angle = _candidates(joint, levels, W)
+    problem, x, angle = candidates_of(W)
     surviving = _surviving(joint, problem, x, angle)
     problem, angle = problem.on(surviving), angle[surviving]
     T = problem.samples.torque.reshape(2, -1)[0]
@@ -199,7 +210,7 @@ def _plan(
     goal = _goal(joint, problem, x, angle, T == 0, field)
     candidates = Candidates.of(problem, x, field, before, goal, _LAW, sigma)
     chosen, C, reached = _chosen(candidates, B, before, goal.by_x, accuracy, setpoints)
-    twice, there, _ = _candidates(joint, levels, 2 * W)
+    twice, there, _ = candidates_of(2 * W)
     held = (twice.samples.torque != 0) & (twice.samples.P1 == twice.samples.P2)
     heavier = twice.jacobian(there)[: twice.samples.n][held]
     further = supplements(joint, Known(problem, x, C, goal.by_x, W, sigma), heavier)
@@ -231,7 +242,7 @@ def _chosen(
     return chosen, C, reached
 
 
-def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointProblem, Array, Array]:
+def _candidates(joint: AntagonistJoint, gravity: Gravity, levels: Array, W: float) -> tuple[JointProblem, Array, Array]:
     """Return the problem of a fit to all candidates, falling first and then rising, its unknowns, and the angles."""
     P1, P2, T = (a.ravel() for a in np.meshgrid(levels, levels, [0.0, -W, W]))
     n = P1.size
@@ -250,7 +261,16 @@ def _candidates(joint: AntagonistJoint, levels: Array, W: float) -> tuple[JointP
     free = recipe.free(muscle.parameters)
     extra, unbounded = tuple(_EXTRA), np.full(len(free) + len(_EXTRA), np.inf)
     problem = JointProblem(
-        muscle, free, extra, -unbounded, unbounded, start, 0.02, conventional=False, margin=(right - left) / 2
+        muscle,
+        free,
+        extra,
+        -unbounded,
+        unbounded,
+        start,
+        0.02,
+        conventional=False,
+        gravity=gravity,
+        margin=(right - left) / 2,
     )
     P, eps = joint.pressure_limits[1] / 2, 0.1  # where strengths of muscles of one kind are compared
     ratio = float(joint.antagonist.force(P, eps) / muscle.force(P, eps))

@@ -52,7 +52,7 @@ class Feeding(NamedTuple):
 def feeding_of(readable: InverseDynamics) -> Feeding:
     """Return the arrays of a joint's feed-forward."""
     plant, lags, kept = readable.plant, readable.lags.ravel().tolist(), readable.alpha.ravel().tolist()
-    dynamics, ends = (plant.inertia, plant.damping, plant.gravity_torque), plant.joint.angle_range
+    dynamics, ends = (plant.inertia, plant.damping, plant.gravity_torque, plant.hanging_angle), plant.joint.angle_range
     numbers: list[float] = [*dynamics, *lags, *kept, *ends, readable.min_force, readable.dt]
     return Feeding(flat(JointInverse(*numbers)), readable.slopes, np.zeros(0))
 

@@ -122,7 +122,8 @@ class JointInverse(NamedTuple):
 
     inertia: float
     damping: float
-    gravity: float
+    gravity: float  # torque [N·m]
+    hanging: float  # angle [rad]
     up1: float  # lags of rising and of falling pressures [s]
     up2: float
     down1: float

@@ -67,11 +67,15 @@ def test_the_mechanism_may_come_from_the_file_of_a_joint(table, tmp_path):
     pulleys, made = Table(0.3, theta, 0.11 + 0.025 / 0.3 * theta, 0.11 - 0.018 / 0.3 * theta), tmp_path / "made.toml"
     save_machine(AntagonistJoint(pulleys, SAROSI_DMSP_20_400N, SAROSI_DMSP_20_400N), made)
     with made.open("a", encoding="utf-8") as file:
-        file.write("\n[plant]\ngravity_torque = 1.6\n")
-    result = run(table, "--machine", made, "--out", tmp_path / "joint.toml")
-    assert "gravity_torque = 1.6 N·m is not used" in " ".join(result.output.split())
+        file.write("\n[plant]\ngravity_torque = 1.6\ninertia = 0.02\n")
+    result = run(table, "--machine", made, "--gravity", "0", "--out", tmp_path / "joint.toml")
     assert result.exit_code == 0, result.output
-    assert load_joint(tmp_path / "joint.toml").geometry == pulleys
+    joint, content = load_joint(tmp_path / "joint.toml"), (tmp_path / "joint.toml").read_text()
+    assert joint.geometry == pulleys
+    assert "inertia = 0.02" in content
+    assert "gravity_torque" not in content  # --gravity 0 leaves it in the muscles
+    assert joint.pressure_limits == (0.0, 5 * BAR)  # as the file says, whatever was read
+    assert "limits are those of the rests: its angles" in " ".join(result.output.split())
 
 
 @pytest.mark.slow

@@ -1,13 +1,18 @@
 """Data that cannot be right, or cannot tell what is asked: one clear sentence each."""
 
+import re
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from allocator import AntagonistJoint, Lever, Pulley
+from allocator.errors import InvalidInput
 from allocator.identification.joint import report
 from allocator.identification.joint.fit import fit_joint
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR, DEG
+from mpc.cli import app
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +110,8 @@ def test_swapped_directions_show_as_negative_friction_beyond_its_doubt_and_are_n
     assert not (tmp_path / "joint.toml").exists()
     u = fit.problem.unknowns(fit.x)
     found = report.findings(fit.problem, u, [], fit.doubt.covariance, True)
-    assert found.friction_std == pytest.approx(fit.standard_deviations["friction"])
-    doubted = found._replace(friction_std=abs(fit.friction))
+    assert found.std["friction"] == pytest.approx(fit.standard_deviations["friction"])
+    doubted = found._replace(std={**found.std, "friction": abs(fit.friction)})
     assert not any("swapped" in said for said in report.warnings(fit.problem, fit.x, u, doubted))
 
 
@@ -196,3 +201,21 @@ def test_rests_on_a_stop_are_left_out_and_counted(data, all_twins, log_maker):
 def test_too_few_rests_beside_the_stops_are_refused_with_those_left_out(data):
     short = np.clip(data["theta"], -1 * DEG, 1 * DEG)
     refused(data, r"left out were \d+ with an angle at a stop, the greatest one of 1°", theta=short)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--gravity", "heavy"), r"--gravity heavy: expected 1 \(G\) or 2"),
+        (("--gravity", "1,2,3"), r"--gravity 1,2,3: expected 1 \(G\) or 2"),
+        (("--zero", "400"), "--zero 400"),
+        (("--stops", "10:-10"), "--stops -10: expected .* from low to high"),
+        (("--supply", "-1"), "--supply -1"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_the_fit(option, said, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("theta_deg,pressure1_bar,pressure2_bar\n1,2,2\n2,2.5,2\n")
+    result = CliRunner().invoke(app, ["fit-joint", str(path), "--pulley", "20,0.12", "--rest-length", "300", *option])
+    assert isinstance(result.exception, InvalidInput)
+    assert re.search(said, str(result.exception))

@@ -13,6 +13,7 @@ from allocator.identification.joint.planning import plan as planning
 from allocator.identification.joint.planning.plan import plan_joint_experiment
 from allocator.identification.joint.reading import read_joint_log
 from allocator.joint.antagonist import report_joint
+from allocator.joint.gravity import NO_GRAVITY
 from allocator.joint.limits import COMMON_FORCE
 from allocator.machine_file import load_joint
 from allocator.muscles import scaled
@@ -64,7 +65,7 @@ def test_at_the_pressures_of_the_sag_test_no_muscle_pulls(all_twins):
 def test_the_rows_of_the_sag_test_are_how_its_pressures_move_with_the_unknowns(all_twins):
     """Against roots found again with every unknown moved."""
     joint = all_twins["sarosi-lever"]
-    problem, x, _ = planning._candidates(joint, np.array([2.0, 3.0]) * BAR, 0.5)
+    problem, x, _ = planning._candidates(joint, NO_GRAVITY, np.array([2.0, 3.0]) * BAR, 0.5)
     known = information.Known(problem, x, np.eye(x.size), np.zeros((1, x.size)), 0.5, DEG)
     points, rows = information._sag_test(joint, known)
     slack = np.array([[p.P1 for p in points], [p.P2 for p in points]]).ravel()

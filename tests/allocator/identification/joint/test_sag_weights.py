@@ -61,7 +61,7 @@ def test_a_sag_test_of_a_home_made_muscle_does_not_spoil_the_stiffness():
             torque=T,
             friction=False,
             ratio=False,
-            zero=False,
+            zero=0.0,
             slack=which,
             slack_noise=0.02 * BAR,
             leave_one_out=False,
