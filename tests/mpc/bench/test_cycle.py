@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 
 import numpy as np
 import pytest
@@ -301,6 +302,28 @@ def test_a_reading_that_repeats_itself_counts_as_none(bench):
     bench.device.changed = lambda r: r if r.t < 0.5 else r._replace(t=0.5)
     record = bench.loop().run()
     assert record.ending.reason is Reason.SILENT
+    ended_safely(bench)
+
+
+@pytest.mark.parametrize(("off", "said"), [(-0.5, "0.5 s before"), (1.7e9, "1.7e+09 s after")])
+def test_readings_of_another_time_are_refused_and_count_as_none(bench, off, said):
+    """A queue of old readings, or a clock that is not the loop's."""
+    bench.device.changed = lambda r: r._replace(t=r.t + off)
+    with pytest.raises(RefusedStart, match=re.escape(f"dated {said} the present time of the loop's clock")):
+        bench.loop().run()
+    assert bench.device.commands == []
+    bench.device.changed = lambda r: r if bench.clock.now() < 1.0 else r._replace(t=r.t + off)
+    record = bench.loop().run()
+    assert record.ending.reason is Reason.SILENT
+    assert said in record.ending.message
+    ended_safely(bench)
+
+
+def test_a_device_that_takes_commands_late_ends_the_loop(bench):
+    bench.device.before_write = after(60, lambda: bench.clock.spend(0.5))
+    record = bench.loop().run()
+    assert record.ending.reason is Reason.SILENT
+    assert record.ending.message == "the device took no command for 0.5 s"
     ended_safely(bench)
 
 
