@@ -19,6 +19,7 @@ from mpc.bench.record import Lateness
 from mpc.bench.rows import INTEGERS, Column, Columns, Sheet
 from mpc.bench.safety import Ending
 from mpc.model.machine import Machine
+from mpc.observer.health import WELL, Health
 from mpc.trials.files import save_recording
 from mpc.trials.metrics import Errors, errors_of
 from mpc.trials.simulation import Run
@@ -26,12 +27,15 @@ from mpc.trials.simulation import Run
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Record of a loop: its N rows as columns (N,), see `mpc.bench.rows`, and its ending."""
+    """Record of a loop: its N rows as columns (N,), see `mpc.bench.rows`, its ending, and the last health of the
+    machine.
+    """
 
     plant: Machine  # the controller's
     dt: float  # [s]
     columns: Columns
     ending: Ending
+    health: Health = WELL
 
     @property
     def lateness(self) -> Lateness:

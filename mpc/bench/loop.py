@@ -236,7 +236,7 @@ class RealTimeLoop:
         """Record of a loop that has ended, even by an exception. Raises `InvalidInput` before."""
         if self.cycle.ending is None:
             raise InvalidInput("the loop has not run, or has not ended: there is no record of it")
-        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, self.cycle.ending)
+        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, self.cycle.ending, self.tracking.health)
 
     def stop(self) -> None:
         """Request the safe stop, from any thread."""

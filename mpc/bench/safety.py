@@ -137,7 +137,7 @@ class SoftStart:
 class Watchdog:
     """Watchdog that ends a loop without readings or progress, or with an unhealthy joint."""
 
-    silence: float = 0.2  # without a reading of the angle, or without a command taken; of a reading's time [s]
+    silence: float = 0.2  # without a reading of the angle or a command taken; greatest error of a reading's time [s]
     stall: float = 1.0  # without a finished sample [s], in real time
     reaction: Reaction | None = Reaction.HOLD  # least reaction of the observer's health that ends the loop; None: none
     lasting: float = 0.5  # duration of this reaction before the end [s]
