@@ -13,6 +13,7 @@ a ramp that fails becomes a vent, and a vent is tried several times. Then the ex
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from enum import IntEnum
 from functools import partial
 from math import ceil, inf, isfinite, nan
@@ -23,6 +24,7 @@ import numpy as np
 
 from allocator import checks
 from allocator.calculus import Value
+from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
 from mpc.bench.device import Clock, Device, MonotonicClock, NoAnswer, Reading
 from mpc.bench.record import Lateness, Recorder
@@ -139,7 +141,7 @@ class Cycle:
         self._guard = Guard(machine, source.dt, settings.watchdog, settings.start.angle_margin)
         self.limits = self._guard.limits
         settings.start.check(machine.m)
-        self._stops = Stops(device, settings.watchdog.stall)
+        self._stops = Stops(device, settings.watchdog.stall, self._last_words)
         self._calling = ""  # function of the device, or `watch`, that is being called
         self._commanded, self._sighted = False, True
         self._unforeseen: BaseException | None = None
@@ -385,6 +387,13 @@ class Cycle:
         for note in (self.recorder.add, self._show):
             self._stops.attempt(partial(note, row))
         return lost
+
+    def _last_words(self, what: str) -> None:
+        """Write into the log what became of a device with a call that hangs for ever."""
+        if not self._calling:  # but the log itself
+            return
+        with suppress(CannotWrite):
+            self.recorder.remark(f"ended: {Reason.STALLED}: {self._calling}() hangs; {what}")
 
     def _pause(self) -> None:
         self.clock.sleep_until(self.clock.now() + _PAUSE)

@@ -18,6 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from types import FrameType
 from typing import Self, TypeAlias, TypeVar
 
@@ -43,8 +44,9 @@ Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None  # o
 class Stops:
     """Signals, requests and the watch over hanging calls, in force while entered as a context."""
 
-    def __init__(self, device: Device, stall: float) -> None:
+    def __init__(self, device: Device, stall: float, note: Callable[[str], object]) -> None:
         self._device, self._stall = device, stall
+        self._note = note  # called with the outcome of an end by the watching thread
         self._asked: Reason | None = None
         self.urgent = False  # whether there was more than one request
         self.interruptible = False  # whether `Stopped` may interrupt a hanging call
@@ -168,12 +170,18 @@ class Stops:
                     outcome[:] = ["it was vented"]
                     return
 
-        venting = threading.Thread(target=vent, daemon=True)
-        venting.start()
-        venting.join(self._stall)
+        _aside(vent, self._stall)
         what = outcome[0] if outcome else "it could not be vented either"
+        _aside(partial(self._note, what), self._stall / 4)
         os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"antagonist: a call hangs; {what}\n".encode())
         os._exit(EXIT)
+
+
+def _aside(call: Callable[[], object], patience: float) -> None:
+    """Make a call that may hang in a thread, and wait for it for at most `patience` [s]."""
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    thread.join(patience)
 
 
 def ending_of(raised: BaseException, calling: str, commanded: bool) -> tuple[Ending, bool]:
