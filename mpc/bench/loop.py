@@ -15,6 +15,7 @@ compensates a constant age (`Compensation.reading_age`). For each missed sample 
 reading, under the held command.
 """
 
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -33,10 +34,11 @@ from mpc.model.experiment import check_stiffness
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer, check_observer
-from mpc.observer.health import WELL, Health, Reaction
+from mpc.observer.health import WELL, FaultKind, Health, Reaction
 from mpc.trials.motions.reference import LONGEST, Reference
 from mpc.trials.simulation import Controller, check_parts
 
+_BLIND = 0.1  # missed samples [s] in a second, which the observer takes for silent sensors
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
 
 
@@ -69,6 +71,7 @@ class Tracking:
         self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (2n + m,)
         self._omega: Value = 0.0  # last estimate of the velocities (n,) [rad/s]
         self._unwell = 0  # samples for which health has required a reaction
+        self._left_out: deque[tuple[int, int]] = deque()  # samples of the last second, and missed ones before them
         observer.reset()
         controller.reset()
 
@@ -89,7 +92,7 @@ class Tracking:
         x, d = self._estimate(tick)
         if k == 0:  # a controller's first step begins at the given pressures, those last commanded
             x[2 * self._n :] = tick.sent
-        self._check_health()
+        self._check_health(tick)
         plan = self.controller.step(x, *self.reference.preview(k, self.controller.ahead), d)
         asked = {"theta_ref": self.reference.theta[k], "K_ref": self.reference.K[k]}
         about = {**asked, **self._estimated(x, d), **of_plan(plan)}
@@ -130,15 +133,25 @@ class Tracking:
         line = said + share * (before[1] - said)
         return np.where(np.isnan(line), said, line)
 
-    def _check_health(self) -> None:
+    def _check_health(self, tick: Tick) -> None:
         """Raise `Stopped` if health has requested a hold or a vent for too long."""
+        lost = self._lost(tick)
         least = self._watchdog.reaction
         if least is None or self.health.reaction < least:
             self._unwell = 0
             return
-        self._unwell += 1
+        self._unwell += 1 + tick.missed
         if self._unwell * self.dt > self._watchdog.lasting:
+            if lost * self.dt >= _BLIND and all(s.fault is FaultKind.SILENT_SENSOR for s in self.health.suspects):
+                raise Stopped(Reason.LATE, f"{lost} of the last second; controller or device take too long")
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
+
+    def _lost(self, tick: Tick) -> int:
+        """Return how many samples were missed in the last second."""
+        self._left_out.append((tick.k, tick.missed))
+        while (tick.k - self._left_out[0][0]) * self.dt > 1.0:
+            self._left_out.popleft()
+        return sum(missed for _, missed in self._left_out)
 
 
 def replay(columns: Columns, tracking: Tracking) -> Array:

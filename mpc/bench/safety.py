@@ -46,7 +46,7 @@ class Reason(StrEnum):
     DEVICE = "device lost"  # or it raised an exception
     SILENT = "no answer"
     STALLED = "no progress"
-    LATE = "a sample was missed"
+    LATE = "samples were missed"
     UNHEALTHY = "the joint is not well"
     LIMIT = "a limit was broken"
     COMMAND = "no command that could be sent"

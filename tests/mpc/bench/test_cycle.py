@@ -221,6 +221,25 @@ def test_a_late_sample_can_end_the_loop(bench):
     ended_safely(bench)
 
 
+@pytest.mark.parametrize("what", ["device", "controller"])
+def test_missed_samples_are_no_silent_sensors_and_end_the_loop_in_time(bench, what):
+    """Half a second after the observer has become blind, however few samples there are in it."""
+    loop = bench.loop(observer=KalmanObserver(bench.plant, DT))
+    spend = after(30, lambda: bench.clock.spend(0.13))
+    if what == "device":
+        bench.device.before_read = spend
+    else:
+        step = bench.controller.step
+        bench.controller.step = lambda *arguments: (spend(), step(*arguments))[1]
+    record = loop.run()
+    assert record.ending.reason is Reason.LATE
+    assert re.fullmatch(r"\d+ of the last second; controller or device take too long", record.ending.message)
+    columns = record.columns
+    first = columns["t"][np.argmax(columns["missed"] > 0)]
+    assert columns["t"][columns["phase"] == Phase.STOP][0] - first < 1.2
+    ended_safely(bench)
+
+
 def test_a_system_that_oversleeps_leaves_samples_out(bench):
     sleep, calls = bench.clock.sleep_until, iter(range(10**9))
 
