@@ -354,7 +354,8 @@ def _report(record: "Record", console: "Console") -> None:
     if not (record.tracked and record.controlled):
         return
     console.print(table_of_errors(record.run(), record.errors, "tracking, as measured, without settling"))
-    say(console, check_due(record.run()) if isinstance(record.plant, Plant) else "")
+    sound = record.health.well and isinstance(record.plant, Plant)  # a faulty joint has no rest that tells of strengths
+    say(console, check_due(record.run()) if sound else "")
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:
