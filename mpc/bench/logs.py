@@ -64,9 +64,11 @@ class Record:
     def errors(self) -> Errors:
         """Errors of the measured angle and of the stiffness, without settling; NaN if never measured.
 
-        The stiffness is that of the model at the measured or else estimated state. Raises `InvalidInput` if there are
-        fewer than two samples under control.
+        The stiffness is that of the model at the measured or else estimated state. Raises `InvalidInput` if the loop
+        ended before it followed its reference.
         """
+        if not (self.tracked and self.controlled):
+            raise InvalidInput(f"the loop ended before it followed its reference ({self.ending}): it has no errors")
         run, begin = self.run(), len(self.values("phase", (Phase.SETTLE,)))
         theta, K = map(np.ma.masked_invalid, (self.values("theta", (Phase.RUN,)), run.K[begin:]))
         return errors_of(theta, run.theta_ref[begin:], K, run.K_ref[begin:])
