@@ -12,8 +12,8 @@ Tracking: a controller and its observer as the command source of a loop, also fo
 An observer assumes evenly spaced readings, and at 1 rad/s a millisecond is 0.06°: late readings are therefore projected
 to their due time. So is an angle that its device dates up to a sample earlier, by the estimated velocity; the observer
 compensates a constant age (`Compensation.reading_age`). Both move an angle by whole steps of its encoder: from changes
-that are no steps an observer learns a fine encoder, and amplifies the steps of the coarse one. For each missed sample the observer gets a sample without a
-reading, under the held command.
+that are no steps an observer learns a fine encoder, and amplifies the steps of the coarse one. For each missed sample
+the observer gets a sample without a reading, under the held command.
 """
 
 from collections import deque
