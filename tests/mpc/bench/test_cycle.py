@@ -365,6 +365,13 @@ def test_a_lost_device_is_vented_if_that_still_works(bench, where):
     ended_safely(bench)
 
 
+def test_a_loop_that_ended_in_the_soft_start_has_no_errors(bench):
+    bench.device.before_read = after(25, fail(DeviceLost("unplugged")))  # with some samples of settling
+    record = bench.loop().run()
+    with pytest.raises(InvalidInput, match=r"ended before it followed its reference \(device lost: unplugged\)"):
+        record.theta_rms  # noqa: B018
+
+
 def test_a_device_that_takes_nothing_more_is_said_to(bench):
     loop = bench.loop()
     bench.device.before_read = after(60, fail(DeviceLost("unplugged")))
