@@ -12,6 +12,7 @@ from allocator.calculus import Array, Mask, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
+_LONGEST = 10.0  # [s] of a delay or a time constant
 LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
 
 
@@ -54,10 +55,12 @@ def _refuse_masks_and_units(name: str, value: object, unit: str) -> None:
 
 
 def brief(value: object) -> str:
-    """Describe `value` in one line: itself if it is short, else its type, shape and kind of elements."""
+    """Describe `value` in one line: itself or its beginning, but of a long array shape and kind of elements."""
     shown = repr(value)
     if len(shown) <= 60 and "\n" not in shown:
         return shown
+    if isinstance(value, list | tuple | str):
+        return f"{' '.join(shown.split())[:56]} …"
     shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
     return f"{type(value).__name__}{shape or ''}" + (f" of {dtype}" if dtype is not None else "")
 
@@ -229,6 +232,14 @@ def positive(name: str, value: object, unit: str) -> float:
     found = number(name, value, unit)
     if found <= 0:
         raise InvalidInput(f"{name} = {brief(value)} has to be one number above 0 [{unit}]")
+    return found
+
+
+def delay(name: str, value: object, part: str) -> float:
+    """Return a delay or a time constant [s] of a `part`, such as a sensor; over 10 s are taken for milliseconds."""
+    found = not_negative(name, value, "s")
+    if found > _LONGEST:
+        raise InvalidInput(f"{name} = {found:g} s is none of a {part}; if milliseconds were meant, divide by 1000")
     return found
 
 

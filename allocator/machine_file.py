@@ -241,6 +241,7 @@ def machine_from(file: Table, *, scale_needed: bool = True) -> Machine:
     one = kind in _GEOMETRIES
     whose = f"the file of {'a joint' if one else 'a machine'} with the routes {kind}"
     file.only((*_TABLES, *(_OF_A_JOINT if one else _OF_MORE)), whose)
+    limits.only((*_LIMITS, *(("friction", "scale_known", "unseen") if one else ("joints",))), whose)
     if one and scale_needed and not scale_known_in(file):
         raise file.fault(
             "holds a joint whose force scale is unknown, since it was fitted without a weight: it has no stiffness to "
@@ -288,7 +289,6 @@ def encoder_zero_known_in(file: Table) -> bool:
 
 
 def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> AntagonistJoint:
-    limits.only((*_LIMITS, "friction", "scale_known", "unseen"))
     if sorted(muscles) != sorted(_PAIR):
         raise file.fault(f"a joint has the [[muscle]]s agonist and antagonist, not {', '.join(muscles) or 'none'}")
     values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in limits.entries.items()}
@@ -310,7 +310,6 @@ def _joint(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], mor
 
 
 def _mechanism(file: Table, limits: Table, led: Any, muscles: dict[str, Muscle], more: dict[str, Any]) -> Mechanism:
-    limits.only((*_LIMITS, "joints"))
     values = dict(limits.entries)
     if not isinstance(joints := values.pop("joints", []), list):
         raise limits.fault(f"joints = {joints!r} has to be a list of names")

@@ -220,7 +220,7 @@ class PlantOptions(MachineOptions):
             return None
         lags = numbers("--lag", self.lag, 1, m, "0.1:0.12")
         for lag in lags:
-            within("--lag", lag, "s", 1e-4, 100)
+            within("--lag", lag, "s", 1e-4, 10)
         if len(lags) not in (1, m):
             raise InvalidInput(f"--lag {self.lag}: expected one time or {m}, one a muscle")
         return tuple(lags) if len(lags) == m else tuple(lags * m)

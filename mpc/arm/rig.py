@@ -21,7 +21,6 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.joint.limits import checked_supply
-from mpc.model.compensation import checked_delay
 from mpc.model.friction.contact import CROSSES, Hysteresis, Loads
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import friction_of
@@ -58,7 +57,7 @@ class Supply:
         self.slew = inf if slew == inf else checks.number("slew", slew, "Pa/s")
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
-        self.dead_time = checked_delay("dead_time", dead_time, "regulator")
+        self.dead_time = checks.delay("dead_time", dead_time, "regulator")
 
     def begin(self, P: Array) -> None:
         """Begin with regulators that follow the pressures `P` (m,) [Pa]."""

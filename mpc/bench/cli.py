@@ -319,7 +319,7 @@ def _run(cycle: "Cycle", dashboard: "Dashboard | None", console: "Console") -> "
     try:
         with dashboard or nullcontext():
             return cycle.run()
-    except Exception as error:
+    except BaseException as error:  # a driver may even leave the program
         ending = cycle.ending
         if ending is None or ending.action is None:  # nothing was commanded
             raise
@@ -342,16 +342,20 @@ def _exiting(ending: "Ending") -> Iterator[None]:
 
 
 def _report(record: "Record", console: "Console") -> None:
-    """Print the ending, the errors, and whether the strengths need a check."""
+    """Print the ending, suspected faults, the errors, and whether the strengths need a check."""
     from mpc.bench.measuring.due import check_due
+    from mpc.bench.safety import Reason
     from mpc.model.plant import Plant
     from mpc.trials.pictures.report import table_of_errors
 
     say_ending(record.ending, record.lateness, console)
+    if not record.health.well and record.ending.reason is not Reason.UNHEALTHY:  # whose message it is
+        say(console, f"health at the end: {record.health}")
     if not (record.tracked and record.controlled):
         return
     console.print(table_of_errors(record.run(), record.errors, "tracking, as measured, without settling"))
-    say(console, check_due(record.run()) if isinstance(record.plant, Plant) else "")
+    sound = record.health.well and isinstance(record.plant, Plant)  # a faulty joint has no rest that tells of strengths
+    say(console, check_due(record.run()) if sound else "")
 
 
 def say_ending(ending: "Ending", lateness: "Lateness", console: "Console") -> None:

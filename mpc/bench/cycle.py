@@ -13,6 +13,7 @@ a ramp that fails becomes a vent, and a vent is tried several times. Then the ex
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from enum import IntEnum
 from functools import partial
 from math import ceil, inf, isfinite, nan
@@ -25,16 +26,15 @@ from allocator import checks
 from allocator.calculus import Value
 from allocator.errors import CannotWrite
 from allocator.identification.encoder import remark
-from mpc.bench.device import Clock, Device, DeviceError, DeviceLost, MonotonicClock, NoAnswer, Reading
+from mpc.bench.device import Clock, Device, MonotonicClock, NoAnswer, Reading
 from mpc.bench.record import Lateness, Recorder
 from mpc.bench.rows import Pressures, Row, Sheet, head
 from mpc.bench.safety import Action, Ending, Guard, Reason, RefusedStart, SafeStop, SoftStart, Stopped, Watchdog
-from mpc.bench.stops import Stops, said
+from mpc.bench.stops import Stops, ending_of, said
 from mpc.model.machine import Machine
 
 _PATIENCE = 5  # readings to wait for before a start
 _PAUSE = 0.05  # between two tries of the last command [s]
-_OF_DEVICE = "read", "write"
 
 
 class Phase(IntEnum):
@@ -141,7 +141,7 @@ class Cycle:
         self._guard = Guard(machine, source.dt, settings.watchdog, settings.start.angle_margin)
         self.limits = self._guard.limits
         settings.start.check(machine.m)
-        self._stops = Stops(device, settings.watchdog.stall)
+        self._stops = Stops(device, settings.watchdog.stall, self._last_words)
         self._calling = ""  # function of the device, or `watch`, that is being called
         self._commanded, self._sighted = False, True
         self._unforeseen: BaseException | None = None
@@ -171,7 +171,7 @@ class Cycle:
             ending = Ending(Reason.FINISHED, "")
         except BaseException as raised:
             self._stops.interruptible = False
-            ending, foreseen = self._ending(raised)
+            ending, foreseen = ending_of(raised, self._calling, self._commanded)
             self._unforeseen = None if foreseen else raised
         self.ending = ending = self._end(ending)
         return ending
@@ -185,22 +185,6 @@ class Cycle:
                 pass
         finally:
             self._stops.interruptible = False
-
-    def _ending(self, raised: BaseException) -> tuple[Ending, bool]:
-        """Return the ending that an exception means, and whether it is foreseen."""
-        if isinstance(raised, Stopped):
-            return raised.ending, True
-        if isinstance(raised, KeyboardInterrupt):
-            return Ending(Reason.INTERRUPTED, ""), True
-        if isinstance(raised, CannotWrite):
-            return Ending(Reason.LOG, str(raised)), True
-        if isinstance(raised, RefusedStart) and not self._commanded:
-            return Ending(Reason.REFUSED, str(raised)), False
-        if isinstance(raised, DeviceError):
-            lost = isinstance(raised, DeviceLost)  # the device may not take the commands of a ramp
-            return Ending(Reason.DEVICE, str(raised), Action.VENT if lost else None), self._commanded
-        message = f"{self._calling}() raised {said(raised)}" if self._calling else said(raised)
-        return Ending(Reason.DEVICE if self._calling in _OF_DEVICE else Reason.ERROR, message), False
 
     @property
     def lateness(self) -> Lateness:
@@ -222,6 +206,7 @@ class Cycle:
         self._began = self._seen = self._taken = self.clock.now()
         self._last_read = -inf  # that one may be read again
         self._next, self._missed = 0, 0
+        self._writing = 0.0  # time of the last call [s]
         self._lacking, self._observed = "", False  # one silent joint of many is the observer's affair, once it runs
 
     def _first_reading(self) -> Reading:
@@ -234,10 +219,10 @@ class Cycle:
                 self.clock.sleep_until(self.clock.now() + self.dt)
                 continue
             lacking = self._guard.lacking(reading)
-            if not lacking:
+            why = f"it measures {lacking}" if lacking else self._guard.misdated(reading, self.clock.now())
+            if not why:
                 return reading
-            why = f"it measures {lacking}"
-        raise RefusedStart(f"{_PATIENCE} readings were asked for and none came ({why}); nothing was commanded")
+        raise RefusedStart(f"{_PATIENCE} readings were asked for and none can be used ({why}); nothing was commanded")
 
     def _ramp_up(self) -> None:
         """Move all pressures linearly to those of the first command, and wait there."""
@@ -278,12 +263,12 @@ class Cycle:
         return True
 
     def _read(self) -> Reading:
-        """Return the present reading; NaN if there is none, or only an old one."""
+        """Return the present reading; NaN if there is none, or only one of another time."""
         try:
             reading = self._asked()
         except NoAnswer:
             return self._guard.unread(nan)
-        if not reading.t > self._last_read:
+        if not reading.t > self._last_read or self._guard.misdated(reading, self.clock.now()):
             return self._guard.unread(reading.t)
         self._last_read = reading.t
         return reading
@@ -301,21 +286,24 @@ class Cycle:
         if not self._lacking or (self._observed and any(map(isfinite, self._guard.angles(reading)))):
             self._seen = now
         elif now - self._seen > patience:
-            raise Stopped(Reason.SILENT, f"{self._lacking} was read for {now - self._seen:.3g} s")
-        if now - self._taken > patience:
-            raise Stopped(Reason.SILENT, f"the device took no command for {now - self._taken:.3g} s")
+            dated = self._guard.misdated(reading, now) if isfinite(reading.t) else ""
+            raise Stopped(
+                Reason.SILENT, f"{self._lacking} was read for {now - self._seen:.3g} s" + f"; {dated}" * bool(dated)
+            )
+        if (late := max(now - self._taken, self._writing)) > patience:
+            raise Stopped(Reason.SILENT, f"the device took no command for {late:.3g} s")
         if wrong := self._guard.broken(reading):
             raise wrong
 
     def _write(self, u: Pressures) -> bool:
-        self._commanded, self._calling = True, "write"
+        self._commanded, self._calling, began = True, "write", self.clock.now()
         try:
             self.device.write(*u)
         except NoAnswer:
             taken = False
         else:
             taken, self._taken = True, self.clock.now()
-        self._sent, self._calling = u, ""
+        self._sent, self._calling, self._writing = u, "", self.clock.now() - began
         return taken
 
     def _row(self, reading: Reading, decision: Decision, began: float, late: float, took: float, taken: bool) -> Row:
@@ -349,6 +337,7 @@ class Cycle:
         if not self._commanded:
             return ending
         action = ending.action or self.settings.stop.action
+        self._sighted = not (ending.reason is Reason.STALLED and self._calling == "read")
         cut, failed = self._stops.attempt(self._ramp_down) if action is Action.RAMP else (None, None)
         hold = action is Action.HOLD
         refused = self._stops.insist(partial(self.device.write, *self._sent) if hold else self.device.vent, self._pause)
@@ -379,19 +368,32 @@ class Cycle:
             if now - self._taken > self.settings.watchdog.silence:
                 return f"the device took no command for {now - self._taken:.3g} s"
             u = tuple(low + (1 - k / steps) * max(P - low, 0.0) for P in begin)
-            self._descend(u, now, now - deadline)
+            began += self._descend(u, now, now - deadline)
         return ""
 
-    def _descend(self, u: Pressures, now: float, late: float) -> None:
-        """Perform a sample of the ramp. Only the command has to succeed; a failed reading is the last one."""
-        reading = None
+    def _descend(self, u: Pressures, now: float, late: float) -> float:
+        """Perform a sample of the ramp; return the time [s] lost in a reading, which then was the last one.
+
+        Only the command has to succeed. A reading that fails or is late is the last one.
+        """
+        reading, lost = None, 0.0
         if self._sighted:
             reading, failed = self._stops.attempt(self._read)
-            self._sighted = failed is None
+            took = self.clock.now() - now
+            self._sighted = failed is None and took <= self.settings.watchdog.silence
+            lost = 0.0 if self._sighted else took
         taken = self._write(u)
         row = self._row(reading or self._guard.unread(nan), Decision(u, Phase.STOP), now, late, 0.0, taken)
         for note in (self.recorder.add, self._show):
             self._stops.attempt(partial(note, row))
+        return lost
+
+    def _last_words(self, what: str) -> None:
+        """Write into the log what became of a device with a call that hangs for ever."""
+        if not self._calling:  # but the log itself
+            return
+        with suppress(CannotWrite):
+            self.recorder.remark(f"ended: {Reason.STALLED}: {self._calling}() hangs; {what}")
 
     def _pause(self) -> None:
         self.clock.sleep_until(self.clock.now() + _PAUSE)

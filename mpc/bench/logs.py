@@ -19,6 +19,7 @@ from mpc.bench.record import Lateness
 from mpc.bench.rows import INTEGERS, Column, Columns, Sheet
 from mpc.bench.safety import Ending
 from mpc.model.machine import Machine
+from mpc.observer.health import WELL, Health
 from mpc.trials.files import save_recording
 from mpc.trials.metrics import Errors, errors_of
 from mpc.trials.simulation import Run
@@ -26,12 +27,15 @@ from mpc.trials.simulation import Run
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Record of a loop: its N rows as columns (N,), see `mpc.bench.rows`, and its ending."""
+    """Record of a loop: its N rows as columns (N,), see `mpc.bench.rows`, its ending, and the last health of the
+    machine.
+    """
 
     plant: Machine  # the controller's
     dt: float  # [s]
     columns: Columns
     ending: Ending
+    health: Health = WELL
 
     @property
     def lateness(self) -> Lateness:
@@ -60,9 +64,11 @@ class Record:
     def errors(self) -> Errors:
         """Errors of the measured angle and of the stiffness, without settling; NaN if never measured.
 
-        The stiffness is that of the model at the measured or else estimated state. Raises `InvalidInput` if there are
-        fewer than two samples under control.
+        The stiffness is that of the model at the measured or else estimated state. Raises `InvalidInput` if the loop
+        ended before it followed its reference.
         """
+        if not (self.tracked and self.controlled):
+            raise InvalidInput(f"the loop ended before it followed its reference ({self.ending}): it has no errors")
         run, begin = self.run(), len(self.values("phase", (Phase.SETTLE,)))
         theta, K = map(np.ma.masked_invalid, (self.values("theta", (Phase.RUN,)), run.K[begin:]))
         return errors_of(theta, run.theta_ref[begin:], K, run.K_ref[begin:])

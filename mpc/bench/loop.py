@@ -11,10 +11,12 @@ Tracking: a controller and its observer as the command source of a loop, also fo
 
 An observer assumes evenly spaced readings, and at 1 rad/s a millisecond is 0.06°: late readings are therefore projected
 to their due time. So is an angle that its device dates up to a sample earlier, by the estimated velocity; the observer
-compensates a constant age (`Compensation.reading_age`). For each missed sample the observer gets a sample without a
-reading, under the held command.
+compensates a constant age (`Compensation.reading_age`). Both move an angle by whole steps of its encoder: from changes
+that are no steps an observer learns a fine encoder, and amplifies the steps of the coarse one. For each missed sample
+the observer gets a sample without a reading, under the held command.
 """
 
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -33,10 +35,14 @@ from mpc.model.experiment import check_stiffness
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer, check_observer
-from mpc.observer.health import WELL, Health, Reaction
+from mpc.observer.health import WELL, FaultKind, Health, Reaction
 from mpc.trials.motions.reference import LONGEST, Reference
 from mpc.trials.simulation import Controller, check_parts
 
+_FURTHEST = 0.8  # samples: with more, the estimated velocity amplifies its own error through the angle
+_ROUNDING = 1e-9  # [rad] a lesser change of an angle is none
+_COARSEST = 1e3  # [rad] step of an encoder that is not known yet
+_BLIND = 0.1  # missed samples [s] in a second, which the observer takes for silent sensors
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
 
 
@@ -67,8 +73,11 @@ class Tracking:
         self.first: Pressures = tuple(_rest(plant, given)[2 * plant.n :].tolist())
         self._begun: int | None = None  # the sample of the first decision
         self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (2n + m,)
+        self._steps = np.full(plant.n, _COARSEST)  # of the encoders [rad]
+        self._angles = np.full(plant.n, np.nan)  # last ones given to the observer [rad]
         self._omega: Value = 0.0  # last estimate of the velocities (n,) [rad/s]
         self._unwell = 0  # samples for which health has required a reaction
+        self._left_out: deque[tuple[int, int]] = deque()  # samples of the last second, and missed ones before them
         observer.reset()
         controller.reset()
 
@@ -89,7 +98,7 @@ class Tracking:
         x, d = self._estimate(tick)
         if k == 0:  # a controller's first step begins at the given pressures, those last commanded
             x[2 * self._n :] = tick.sent
-        self._check_health()
+        self._check_health(tick)
         plan = self.controller.step(x, *self.reference.preview(k, self.controller.ahead), d)
         asked = {"theta_ref": self.reference.theta[k], "K_ref": self.reference.K[k]}
         about = {**asked, **self._estimated(x, d), **of_plan(plan)}
@@ -115,30 +124,51 @@ class Tracking:
         """Return the readings (2n + m,) projected to the due time.
 
         A later reading is interpolated linearly from the one before, an earlier angle is extrapolated with the
-        estimated velocity.
+        estimated velocity. Angles move by whole steps of their encoders, which an observer learns from their changes.
         """
         t, theta, P = tick.reading
         said = np.array([theta, np.nan, *P] if self._single else [*theta, *[np.nan] * self._n, *P])
         before, self._before = self._before, (t, said)
-        if 0 < tick.due - t <= self.dt:
-            moved = self._omega * (tick.due - t)
-            said[: self._n] += np.where(np.isfinite(moved), moved, 0.0)
-            return said
-        if before is None or not t > before[0] or not tick.due < t:
-            return said
-        share = min((t - tick.due) / (t - before[0]), 1.0)
-        line = said + share * (before[1] - said)
-        return np.where(np.isnan(line), said, line)
+        moved = np.zeros(said.size)
+        if before is not None:
+            self._learn_steps(np.abs(said - before[1])[: self._n])
+        age = tick.due - t
+        if age > 0:  # fading out without a jump: two samples later the velocity may be another one
+            moved[: self._n] = self._omega * max(min(age, _FURTHEST * self.dt, 2 * self.dt - age), 0.0)
+        elif before is not None and t > before[0]:
+            moved = min(-age / (t - before[0]), 1.0) * (before[1] - said)
+        moved[: self._n] = np.round(moved[: self._n] / self._steps) * self._steps
+        return self._on_grid(said + np.where(np.isfinite(moved), moved, 0.0))
 
-    def _check_health(self) -> None:
+    def _learn_steps(self, changes: Array) -> None:
+        """Update the steps of the encoders (n,) [rad], the least changes of readings so far."""
+        self._steps = np.where((changes > _ROUNDING) & (changes < self._steps), changes, self._steps)
+
+    def _on_grid(self, said: Array) -> Array:
+        """Return readings whose angles differ from the last ones by more than rounding, or not at all."""
+        angles = said[: self._n]
+        angles[:] = self._angles = np.where(np.abs(angles - self._angles) <= _ROUNDING, self._angles, angles)
+        return said
+
+    def _check_health(self, tick: Tick) -> None:
         """Raise `Stopped` if health has requested a hold or a vent for too long."""
+        lost = self._lost(tick)
         least = self._watchdog.reaction
         if least is None or self.health.reaction < least:
             self._unwell = 0
             return
-        self._unwell += 1
+        self._unwell += 1 + tick.missed
         if self._unwell * self.dt > self._watchdog.lasting:
+            if lost * self.dt >= _BLIND and all(s.fault is FaultKind.SILENT_SENSOR for s in self.health.suspects):
+                raise Stopped(Reason.LATE, f"{lost} of the last second; controller or device take too long")
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
+
+    def _lost(self, tick: Tick) -> int:
+        """Return how many samples were missed in the last second."""
+        self._left_out.append((tick.k, tick.missed))
+        while (tick.k - self._left_out[0][0]) * self.dt > 1.0:
+            self._left_out.popleft()
+        return sum(missed for _, missed in self._left_out)
 
 
 def replay(columns: Columns, tracking: Tracking) -> Array:
@@ -236,7 +266,7 @@ class RealTimeLoop:
         """Record of a loop that has ended, even by an exception. Raises `InvalidInput` before."""
         if self.cycle.ending is None:
             raise InvalidInput("the loop has not run, or has not ended: there is no record of it")
-        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, self.cycle.ending)
+        return Record(self.plant, self.cycle.dt, self.cycle.recorder.columns, self.cycle.ending, self.tracking.health)
 
     def stop(self) -> None:
         """Request the safe stop, from any thread."""

@@ -44,9 +44,9 @@ class Reason(StrEnum):
     TERMINATED = "terminated"  # SIGTERM, SIGQUIT, or the terminal was closed
     REQUESTED = "stopped by the program"
     DEVICE = "device lost"  # or it raised an exception
-    SILENT = "no reading"
+    SILENT = "no answer"
     STALLED = "no progress"
-    LATE = "a sample was missed"
+    LATE = "samples were missed"
     UNHEALTHY = "the joint is not well"
     LIMIT = "a limit was broken"
     COMMAND = "no command that could be sent"
@@ -137,7 +137,7 @@ class SoftStart:
 class Watchdog:
     """Watchdog that ends a loop without readings or progress, or with an unhealthy joint."""
 
-    silence: float = 0.2  # without a reading of the angle, or without a command taken [s]
+    silence: float = 0.2  # without a reading of the angle or a command taken; greatest error of a reading's time [s]
     stall: float = 1.0  # without a finished sample [s], in real time
     reaction: Reaction | None = Reaction.HOLD  # least reaction of the observer's health that ends the loop; None: none
     lasting: float = 0.5  # duration of this reaction before the end [s]
@@ -187,6 +187,14 @@ class Guard:
     def unread(self, t: float) -> Reading:
         """Return a reading of nothing at the time `t` [s]."""
         return Reading(t, nan if self._single else np.full(self.n, nan), (nan,) * self.m)
+
+    def misdated(self, reading: Reading, now: float) -> str:
+        """Return how far a reading's time is from `now` [s], in words; "" within the silence of the watchdog."""
+        age = now - reading.t
+        if abs(age) <= self._watchdog.silence:
+            return ""
+        far = f"{abs(age):.3g} s {'before' if age > 0 else 'after'}"
+        return f"the last reading is dated {far} the present time of the loop's clock, by default time.monotonic()"
 
     def lacking(self, reading: Reading) -> str:
         """Return the angles that a reading lacks, in words; "" if it has all of them."""

@@ -18,16 +18,18 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from types import FrameType
 from typing import Self, TypeAlias, TypeVar
 
-from allocator.errors import AntagonistError
-from mpc.bench.device import Device
-from mpc.bench.safety import Reason, Stopped
+from allocator.errors import AntagonistError, CannotWrite
+from mpc.bench.device import Device, DeviceError, DeviceLost
+from mpc.bench.safety import Action, Ending, Reason, RefusedStart, Stopped
 
 EXIT = 4  # exit code of a process that had to be ended
 _PATIENCE = 2  # interruptions before the process is ended
 _TRIES = 8  # of a command that has to succeed
+_OF_DEVICE = "read", "write"
 _ENDING = {
     "SIGINT": Reason.INTERRUPTED,
     "SIGTSTP": Reason.INTERRUPTED,  # a suspended process would hold the pressures indefinitely
@@ -42,8 +44,9 @@ Handler: TypeAlias = Callable[[int, FrameType | None], object] | int | None  # o
 class Stops:
     """Signals, requests and the watch over hanging calls, in force while entered as a context."""
 
-    def __init__(self, device: Device, stall: float) -> None:
+    def __init__(self, device: Device, stall: float, note: Callable[[str], object]) -> None:
         self._device, self._stall = device, stall
+        self._note = note  # called with the outcome of an end by the watching thread
         self._asked: Reason | None = None
         self.urgent = False  # whether there was more than one request
         self.interruptible = False  # whether `Stopped` may interrupt a hanging call
@@ -167,12 +170,39 @@ class Stops:
                     outcome[:] = ["it was vented"]
                     return
 
-        venting = threading.Thread(target=vent, daemon=True)
-        venting.start()
-        venting.join(self._stall)
+        _aside(vent, self._stall)
         what = outcome[0] if outcome else "it could not be vented either"
+        _aside(partial(self._note, what), self._stall / 4)
         os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"antagonist: a call hangs; {what}\n".encode())
         os._exit(EXIT)
+
+
+def _aside(call: Callable[[], object], patience: float) -> None:
+    """Make a call that may hang in a thread, and wait for it for at most `patience` [s]."""
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    thread.join(patience)
+
+
+def ending_of(raised: BaseException, calling: str, commanded: bool) -> tuple[Ending, bool]:
+    """Return the ending that an exception means, and whether it is foreseen.
+
+    `calling` is the function of the device that raised it, or "watch", "" for none of them; `commanded` is whether the
+    device has got a command before.
+    """
+    if isinstance(raised, Stopped):
+        return raised.ending, True
+    if isinstance(raised, KeyboardInterrupt):
+        return Ending(Reason.INTERRUPTED, ""), True
+    if isinstance(raised, CannotWrite):
+        return Ending(Reason.LOG, str(raised)), True
+    if isinstance(raised, RefusedStart) and not commanded:
+        return Ending(Reason.REFUSED, str(raised)), False
+    if isinstance(raised, DeviceError):
+        lost = isinstance(raised, DeviceLost)  # the device may not take the commands of a ramp
+        return Ending(Reason.DEVICE, str(raised), Action.VENT if lost else None), commanded
+    message = f"{calling}() raised {said(raised)}" if calling else said(raised)
+    return Ending(Reason.DEVICE if calling in _OF_DEVICE else Reason.ERROR, message), False
 
 
 def said(error: BaseException) -> str:

@@ -27,17 +27,8 @@ from mpc.model.storage import stored_regulators
 
 SOFT = 0.02 * BAR  # over which the inverse of a dead band changes sides, without jumps due to noise
 USUAL_DEAD_TIME = 0.02  # [s] of an arm's regulators
-_LONGEST = 10.0  # [s] of a dead time and of an age
 _PUNCTUAL = 1e-9  # samples: rounding
 JITTER = 0.03 * DEG  # smaller motions count as noise of the angle
-
-
-def checked_delay(name: str, value: object, part: str) -> float:
-    """Return the delay `value` [s] of a `part`, such as a sensor. Raises `InvalidInput`."""
-    delay = checks.not_negative(name, value, "s")
-    if delay > _LONGEST:
-        raise InvalidInput(f"{name} = {delay:g} s is none of a {part}; if milliseconds were meant, divide by 1000")
-    return delay
 
 
 @dataclass(frozen=True)
@@ -69,7 +60,7 @@ class Compensation:
         checks.pressure("dead_band", self.dead_band)
         check_regulators(self)
         for name, part in (("dead_time", "regulator"), ("reading_age", "sensor")):
-            object.__setattr__(self, name, checked_delay(name, getattr(self, name), part))
+            object.__setattr__(self, name, checks.delay(name, getattr(self, name), part))
 
     @classmethod
     def of(cls, joint: AntagonistJoint) -> Self:
@@ -187,7 +178,7 @@ def check_regulators(of: Any) -> None:
         if (lag := getattr(of, name)) is not None:
             if (value := checks.number(name, lag, "s")) <= 0:
                 raise InvalidInput(f"{name} = {value:g} s has to be positive, or None for the lag of the plant")
-            object.__setattr__(of, name, value)
+            object.__setattr__(of, name, checks.delay(name, value, "regulator"))
     flow = checks.number_or_inf("flow", of.flow, "Pa/s")
     if flow <= checks.LOOKS_LIKE_BAR[1]:
         raise InvalidInput(f"flow = {flow:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")

@@ -72,6 +72,8 @@ class Plant:
         checks.instance("joint", self.joint, AntagonistJoint, known)
         for name, check, unit in _CHECKS:
             object.__setattr__(self, name, check(name, getattr(self, name), unit))
+        if self.inertia > _HEAVIEST:
+            raise InvalidInput(f"inertia = {self.inertia:g} kg·m² is over 100; if kg·cm² was meant, divide by 10000")
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
         said: Any = self.lag  # also a list or an array
@@ -347,6 +349,8 @@ class Plant:
         joint, numbers = load_plant(path, NUMBERS, scale_needed=scale_needed)
         try:
             plant = Plant(joint, **numbers)
+            for lag in plant.lags:
+                checks.delay("lag", lag, "regulator")
         except (InvalidInput, TypeError, OverflowError) as error:
             raise InvalidFile(path, f"[plant]: {error}") from None
         return plant if slew is None else replace(plant, slew=slew)
@@ -397,4 +401,5 @@ _CHECKS = (
     ("slew", checks.positive, "Pa/s"),
 )
 _ALL = 1.0, 1.0  # shares of the gas that is trapped
+_HEAVIEST = 100.0  # inertia [kg·m²]
 MOST_SUBSTEPS = 10_000  # per sample

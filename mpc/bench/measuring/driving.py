@@ -205,7 +205,8 @@ class Driver:
         tone = tone_of(rows[:, 0], rows[:, 1], rows[:, 2:], T, f)
         if np.ptp(rows[:, 1]) == 0:
             raise Refused(
-                f"the angle stays at {rows[0, 1] / DEG:.3g}° while the pressures oscillate: check the encoder"
+                f"the angle stays at {rows[0, 1] / DEG:.3g}° while the pressures oscillate: friction holds "
+                "the joint, or check the encoder"
             )
         return tone
 

@@ -169,7 +169,11 @@ def test_a_joint_written_by_hand_has_its_forces_in_newtons(tmp_path):
     [
         ("[machine]", "[joint]", r"is not a machine: the table \[machine\] is missing"),
         ('"agonist"', '"biceps"', r"a joint has the \[\[muscle\]\]s agonist and antagonist, not biceps"),
-        ("friction =", 'joints = ["elbow"]\nfriction =', r"\[machine\] has no joints; it has pressure_limits"),
+        (
+            "friction =",
+            'joints = ["elbow"]\nfriction =',
+            r"\[machine\]: the file of a joint with the routes Pulley has no joints; it has",
+        ),
         (
             "[routes]",
             "[bodies]\n[routes]",

@@ -208,6 +208,10 @@ def test_a_little_less_than_no_force_asks_for_a_little_less_than_the_taut_pressu
         (lambda: ChouHannaford1996(0.3, 0.2, 1.5, 0.0), "0 < rest_length < b"),
         (lambda: KazemipourKatzschmann2025(1.0, 1.0, 1.0, 1.0, 0.0), "P_max = 0 Pa has to be positive"),
         (lambda: MartensBoblan2017(0.3, 0.02, 0.0018, 28.6, 0, 0, 0, 0), "theta0 between 0 and π/2 rad"),
+        (
+            lambda: PolynomialMcKibben(0.01, 0.4, [[1.0, 2.0], *map(float, range(100, 140))]),
+            "coefficients = [[1.0, 2.0], 100.0, 101.0, 102.0, 103.0, 104.0, 105.0, 1 … is not a row of finite numbers",
+        ),
         (lambda: PolynomialMcKibben(0.01, 0.4, 3.0), "coefficients = 3.0 is not a row of finite numbers"),
         (lambda: PolynomialMcKibben.identify(0.01, 0.4, (1e5, 2e5), (0.1, 0.1)), "positive and all different"),
         (lambda: TableMuscle((0, 0.1), (1, 2), (1, 2)), "at least 3 samples"),

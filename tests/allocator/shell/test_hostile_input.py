@@ -71,7 +71,7 @@ CASES = {
     ("track", "t.csv", "--payload", "nan"): "--payload nan: expected a finite number [N·m]",
     ("track", "t.csv", "--inertia", "0"): "--inertia 0: expected 1e-09 to 1e+06 kg·m²",
     ("track", "t.csv", "--inertia", "1e-9"): "steps of integration, over 10000; check inertia 1e-09 kg·m²",
-    ("track", "t.csv", "--lag", "1e-300"): "--lag 1e-300: expected 0.0001 to 100 s",
+    ("track", "t.csv", "--lag", "1e-300"): "--lag 1e-300: expected 0.0001 to 10 s",
     ("track", "t.csv", "--lag", "1:2:3"): "--lag 1:2:3: expected NUMBER or LOW:HIGH",
     ("track", "t.csv", "--slew", "inf"): "--slew inf: expected 0.001 to 100000 bar/s",
     ("export", "controller", "--out", "c", "--gravity", "nan"): "--gravity nan: expected",

@@ -182,6 +182,19 @@ def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajector
     assert read_log(tmp_path / "run.partial.csv")["t"].size > 20
 
 
+def test_a_run_that_finished_tells_of_a_sensor_that_fell_silent(tmp_path, trajectory, monkeypatch):
+    read, calls = SimulatedDevice.read, iter(range(10**9))
+
+    def read_without_pressures(self):
+        reading = read(self)
+        return reading if next(calls) < 450 else reading._replace(P=(np.nan, np.nan))
+
+    monkeypatch.setattr(SimulatedDevice, "read", read_without_pressures)
+    result = antagonist("run", trajectory, *SIM[:-1], "lqr")
+    assert result.exit_code == 0, result.output
+    assert "health at the end: silent sensor (P1) since" in result.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -214,6 +227,7 @@ def test_wrong_input_is_one_sentence(arguments, said):
         (OSError(5, "Input/output error"), 4),
         (ValueError("no number"), 4),
         (DeviceLost("unplugged"), 4),
+        (SystemExit("the driver left"), 4),
         (KeyboardInterrupt(), 130),
     ],
 )

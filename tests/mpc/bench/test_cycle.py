@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 
 import numpy as np
 import pytest
@@ -220,6 +221,25 @@ def test_a_late_sample_can_end_the_loop(bench):
     ended_safely(bench)
 
 
+@pytest.mark.parametrize("what", ["device", "controller"])
+def test_missed_samples_are_no_silent_sensors_and_end_the_loop_in_time(bench, what):
+    """Half a second after the observer has become blind, however few samples there are in it."""
+    loop = bench.loop(observer=KalmanObserver(bench.plant, DT))
+    spend = after(30, lambda: bench.clock.spend(0.13))
+    if what == "device":
+        bench.device.before_read = spend
+    else:
+        step = bench.controller.step
+        bench.controller.step = lambda *arguments: (spend(), step(*arguments))[1]
+    record = loop.run()
+    assert record.ending.reason is Reason.LATE
+    assert re.fullmatch(r"\d+ of the last second; controller or device take too long", record.ending.message)
+    columns = record.columns
+    first = columns["t"][np.argmax(columns["missed"] > 0)]
+    assert columns["t"][columns["phase"] == Phase.STOP][0] - first < 1.2
+    ended_safely(bench)
+
+
 def test_a_system_that_oversleeps_leaves_samples_out(bench):
     sleep, calls = bench.clock.sleep_until, iter(range(10**9))
 
@@ -304,6 +324,28 @@ def test_a_reading_that_repeats_itself_counts_as_none(bench):
     ended_safely(bench)
 
 
+@pytest.mark.parametrize(("off", "said"), [(-0.5, "0.5 s before"), (1.7e9, "1.7e+09 s after")])
+def test_readings_of_another_time_are_refused_and_count_as_none(bench, off, said):
+    """A queue of old readings, or a clock that is not the loop's."""
+    bench.device.changed = lambda r: r._replace(t=r.t + off)
+    with pytest.raises(RefusedStart, match=re.escape(f"dated {said} the present time of the loop's clock")):
+        bench.loop().run()
+    assert bench.device.commands == []
+    bench.device.changed = lambda r: r if bench.clock.now() < 1.0 else r._replace(t=r.t + off)
+    record = bench.loop().run()
+    assert record.ending.reason is Reason.SILENT
+    assert said in record.ending.message
+    ended_safely(bench)
+
+
+def test_a_device_that_takes_commands_late_ends_the_loop(bench):
+    bench.device.before_write = after(60, lambda: bench.clock.spend(0.5))
+    record = bench.loop().run()
+    assert record.ending.reason is Reason.SILENT
+    assert record.ending.message == "the device took no command for 0.5 s"
+    ended_safely(bench)
+
+
 def test_a_device_that_takes_no_commands_ends_the_loop(bench):
     bench.device.before_write = after(60, fail(NoAnswer("busy")))
     record = bench.loop().run()
@@ -321,6 +363,13 @@ def test_a_lost_device_is_vented_if_that_still_works(bench, where):
     assert "unplugged" in str(record.ending)
     assert record.ending.action is Action.VENT
     ended_safely(bench)
+
+
+def test_a_loop_that_ended_in_the_soft_start_has_no_errors(bench):
+    bench.device.before_read = after(25, fail(DeviceLost("unplugged")))  # with some samples of settling
+    record = bench.loop().run()
+    with pytest.raises(InvalidInput, match=r"ended before it followed its reference \(device lost: unplugged\)"):
+        record.theta_rms  # noqa: B018
 
 
 def test_a_device_that_takes_nothing_more_is_said_to(bench):

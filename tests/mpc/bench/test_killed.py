@@ -171,6 +171,8 @@ def test_a_call_that_cannot_be_interrupted_is_left_and_the_process_ends(tmp_path
     assert "a call hangs; it was vented" in err
     assert commands(tmp_path)[-1] == "vent"
     check_log(tmp_path)
+    last = (tmp_path / "log.csv").read_text().splitlines()[-1]
+    assert last == "# ended: no progress: read() hangs; it was vented"
 
 
 def test_a_device_whose_every_call_hangs_is_given_up_and_said_to(given_up):

@@ -17,7 +17,7 @@ from mpc.bench.loop import RealTimeLoop, Tracking, replay
 from mpc.bench.measuring.log import read_log_of_motion
 from mpc.bench.record import Lateness
 from mpc.bench.rows import JOINT, Row, Sheet
-from mpc.bench.safety import SoftStart, Watchdog
+from mpc.bench.safety import Reason, SoftStart, Watchdog
 from mpc.explorer.server import frames
 from mpc.model.arm.model import Arm
 from mpc.model.real import RealArm, RealPlant
@@ -250,11 +250,35 @@ def test_an_arm_on_a_device_follows_as_in_a_simulation(measured):
     assert np.max(record.theta_rms) < 0.2 * DEG
 
 
+@pytest.mark.parametrize("age", [-1e-4, 1e-3, 0.01])
+def test_projected_angles_stay_on_the_steps_of_their_encoder(monkeypatch, age):
+    """All readings of a real device are a tenth of a millisecond late: an observer took a 0.1° encoder for a fine one,
+    and the velocity that it then believed threw out readings that were a sample old.
+    """
+    real, clock = replace(RealPlant.standard(), encoder=0.1 * DEG), SimulatedClock()
+    known = real.known()
+    controller = PIDControl(real.nominal, DT)
+    observer = KalmanObserver(real.nominal, DT, compensation=known)
+    device = SimulatedDevice(real, clock)
+    read = device.read
+
+    def dated():
+        reading = read()
+        clock.spend(max(-age, 0.0))
+        return reading._replace(t=reading.t - age)
+
+    monkeypatch.setattr(device, "read", dated)
+    reference = sine(amplitude=20 * DEG, K=5.6, duration=2.0, ramp=1.0)
+    record = RealTimeLoop(device, controller, observer, reference, clock=clock, start=SoftStart(2e5)).run()
+    assert record.ending.reason is Reason.FINISHED
+    assert observer.encoder_step == pytest.approx(0.1 * DEG)
+
+
 def test_an_angle_that_is_dated_before_it_was_due_goes_on_with_the_estimated_velocity():
     plant = Plant()
     reference = sine(duration=1.0, ramp=0.2)
     tracking = Tracking(plant, PIDControl(plant, DT), Differentiator(DT), reference)
-    tracking._omega = 2.0
-    for age, moved in ((0.008, 0.016), (0.02, 0.0)):  # beyond a sample the velocity may be another one
+    tracking._omega, tracking._steps = 2.0, np.array([1e-6])  # a fine encoder
+    for age, moved in ((0.004, 0.008), (0.008, 0.016), (0.01, 0.016), (0.015, 0.01), (0.02, 0.0)):
         said = tracking._at_due(Tick(1, 0, Reading(1.0 - age, 0.1, (2e5, 2e5)), (2e5, 2e5), 1.0))
-        np.testing.assert_allclose(said, [0.1 + moved, np.nan, 2e5, 2e5])
+        np.testing.assert_allclose(said, [0.1 + moved, np.nan, 2e5, 2e5], atol=1e-9)

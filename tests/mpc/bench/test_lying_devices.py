@@ -255,6 +255,17 @@ def test_a_cable_that_is_pulled_ends_in_a_ramp_and_not_in_a_jolt():
     assert falling[-1].max() < 0.01 * BAR
 
 
+def test_an_encoder_that_hangs_during_the_ramp_is_not_read_again_and_makes_no_jolt():
+    valves = Valves()
+    valves.fail("read", 200, FOREVER, lambda: valves.clock.spend(1.0))  # in the ramp after the sine
+    cycle, _ = run(valves)
+    assert cycle.ending.reason is Reason.FINISHED
+    assert valves.calls["read"] <= 201
+    falling = np.array(valves.written[valves.calls["read"] - 10 :])
+    assert np.abs(np.diff(falling, axis=0)).max() <= 2 * BAR * DT * (1 + 1e-6)
+    assert falling[-1].max() < 0.01 * BAR
+
+
 def test_a_display_that_fails_is_not_asked_again_and_the_ramp_goes_on():
     valves = Valves().fail("watch", WHEN["motion"], FOREVER, raising(BrokenPipeError(32, "Broken pipe")))
     cycle, raised = run(valves)

@@ -6,8 +6,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from allocator import BAR, DEG, InvalidInput, allocate
+from allocator.errors import InvalidFile
 from mpc import Plant
 from mpc.codegen.buffered import Buffered
+from mpc.model.storage import save_plant
 
 X0 = np.array([0.3, -1.0, 2.5 * BAR, 3.5 * BAR])
 U = np.array([3.0 * BAR, 2.0 * BAR])
@@ -84,6 +86,7 @@ def test_the_integration_step_follows_the_fastest_part_of_the_plant():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
+        ({"inertia": 450.0}, "inertia = 450 kg·m² is over 100; if kg·cm² was meant, divide by 10000"),
         ({"inertia": 0.0}, "inertia = 0.0 has to be one number above 0"),
         ({"damping": -1.0}, "damping = -1.0 has to be one number that is not negative"),
         ({"lag": 0.0}, "lag = 0.0 has to be one number above 0"),
@@ -106,3 +109,10 @@ def test_a_plant_of_a_file_takes_the_slew_of_other_regulators(tmp_path):
     assert Plant.load(path, slew=7 * BAR) == Plant(slew=7 * BAR)
     with pytest.raises(InvalidInput, match="if bar/s was meant"):
         Plant.load(path, slew=7.0)
+
+
+def test_a_lag_in_milliseconds_is_refused(tmp_path):
+    path = tmp_path / "plant.toml"
+    save_plant(path, Plant().joint, {"lag": (60.0, 80.0)})
+    with pytest.raises(InvalidFile, match="lag = 60 s is none of a regulator; if milliseconds were meant"):
+        Plant.load(path)
