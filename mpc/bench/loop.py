@@ -151,10 +151,10 @@ class Tracking:
         return said
 
     def _check_health(self, tick: Tick) -> None:
-        """Raise `Stopped` if health has requested a hold or a vent for too long."""
+        """Raise `Stopped` if health has requested a hold or a vent for too long, or if the supply is lost."""
         lost = self._lost(tick)
         least = self._watchdog.reaction
-        if least is None or self.health.reaction < least:
+        if least is None or (self.health.reaction < least and not self._starved(tick)):
             self._unwell = 0
             return
         self._unwell += 1 + tick.missed
@@ -162,6 +162,11 @@ class Tracking:
             if lost * self.dt >= _BLIND and all(s.fault is FaultKind.SILENT_SENSOR for s in self.health.suspects):
                 raise Stopped(Reason.LATE, f"{lost} of the last second; controller or device take too long")
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
+
+    def _starved(self, tick: Tick) -> bool:
+        """Return whether a lost supply leaves less than half of all commands: on its return the muscles would jump."""
+        low = any(suspect.fault is FaultKind.SUPPLY_DROP for suspect in self.health.suspects)
+        return low and bool(np.all(np.asarray(tick.reading.P) < np.asarray(tick.sent) / 2))
 
     def _lost(self, tick: Tick) -> int:
         """Return how many samples were missed in the last second."""

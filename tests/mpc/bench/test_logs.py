@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allocator import DEG
+from allocator import BAR, DEG
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.mechanism.endpoint import Endpoint
 from mpc import KalmanObserver, Plant, Reference, TrackingMPC, Weights, simulate
@@ -20,8 +20,10 @@ from mpc.bench.rows import JOINT, Row, Sheet
 from mpc.bench.safety import Reason, SoftStart, Watchdog
 from mpc.explorer.server import frames
 from mpc.model.arm.model import Arm
+from mpc.model.faults import SupplyDrop
 from mpc.model.real import RealArm, RealPlant
 from mpc.observer.base import Differentiator
+from mpc.observer.health import FaultKind
 from mpc.trials.files import load_recording, save_recording
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import reference
@@ -282,3 +284,15 @@ def test_an_angle_that_is_dated_before_it_was_due_goes_on_with_the_estimated_vel
     for age, moved in ((0.004, 0.008), (0.008, 0.016), (0.01, 0.016), (0.015, 0.01), (0.02, 0.0)):
         said = tracking._at_due(Tick(1, 0, Reading(1.0 - age, 0.1, (2e5, 2e5)), (2e5, 2e5), 1.0))
         np.testing.assert_allclose(said, [0.1 + moved, np.nan, 2e5, 2e5], atol=1e-9)
+
+
+@pytest.mark.parametrize(("left", "reason"), [(0.0, Reason.UNHEALTHY), (2.5 * BAR, Reason.FINISHED)])
+def test_a_loop_without_supply_ends_before_its_muscles_jump_when_it_returns(left, reason):
+    """A supply that has dropped, but moves the joint yet, does not end it."""
+    real, clock = replace(RealPlant.standard(), faults=(SupplyDrop(3.0, supply=left),)), SimulatedClock()
+    observer = KalmanObserver(real.nominal, DT, compensation=real.known())
+    reference = sine(amplitude=20 * DEG, K=7.5, duration=6.0, ramp=1.0)
+    device, controller = SimulatedDevice(real, clock), PIDControl(real.nominal, DT, real.known())
+    record = RealTimeLoop(device, controller, observer, reference, clock=clock, start=START).run()
+    assert record.ending.reason is reason
+    assert any(suspect.fault is FaultKind.SUPPLY_DROP for suspect in record.health.suspects)
