@@ -66,7 +66,7 @@ class Weights:
         (`mpc.robust_weights` finds s for a joint). Raises `InvalidInput` unless s is positive and finite.
         """
         s = checks.positive("detuning", detuning, "")
-        return cls(theta=1 / (0.16 * DEG) ** 2 / s, omega=1 / (1.5 * DEG) ** 2, rate=(s / (0.5 * BAR)) ** 2)
+        return cls(theta=1 / (0.16 * DEG) ** 2 / s, omega=1 / (2.5 * DEG) ** 2, rate=(s / (0.5 * BAR)) ** 2)
 
 
 CALM = Weights(theta=1 / (0.234 * DEG) ** 2, omega=1 / (10.07 * DEG) ** 2, rate=1 / (1.526 * BAR) ** 2)
