@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from allocator.allocation.at_least import AtLeast
     from allocator.allocation.box.result import BoxAllocation
     from allocator.allocation.two_muscles.result import PairAllocation
+    from allocator.files.text import FilePath
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
     from allocator.mechanism.mechanism import Mechanism
@@ -71,9 +72,7 @@ def allocate_command(
     from rich.console import Console
 
     from allocator.allocation import Method
-    from allocator.files.toml import Table as Toml
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.joint.gravity import Gravity
     from allocator.joint.limits import Limits
 
     if priority not in ("torque", "stiffness"):
@@ -91,11 +90,10 @@ def allocate_command(
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
         meant = stiffness_options.meant(options.file)
-        weight = 0.0 if options.file is None else float(Gravity.of_file(Toml.read(options.file)).moment(theta * DEG))
+        weight = _weight(options.file, theta)
         one = _of_one(machine, theta, stiffness, torque, weight, meant, **asked)
         damping = stiffness_options.damping(options.file)
-        values, tables, success = _values_of_one(one, damping), [_table(one, damping)], one.success
-        values["gravity_Nm"] = weight
+        values, tables, success = _values_of_one(one, damping, weight), [_table(one, damping)], one.success
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
@@ -134,6 +132,14 @@ def _of_one(
     return allocate(theta * DEG, K, T + weight, joint=joint, stiffness=meant, **asked)
 
 
+def _weight(path: "FilePath | None", theta: float) -> float:
+    """Return the torque [N·m] of the gravity in [plant] of a joint's file at `theta` [degrees]; 0 without one."""
+    from allocator.files.toml import Table
+    from allocator.joint.gravity import Gravity
+
+    return 0.0 if path is None else float(Gravity.of_file(Table.read(path)).moment(theta * DEG))
+
+
 def _of_gravity(values: dict[str, Any]) -> str:
     weight = values.get("gravity_Nm")
     return f"{weight:.3g} N·m of the torque hold the link against its gravity" if weight else ""
@@ -147,8 +153,8 @@ def _one(option: str, text: str, unit: str) -> float:
         raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
 
 
-def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
-    """Return the values that `--json` prints; `damping` [N·m·s/rad] is the plant's."""
+def _values_of_one(a: "PairAllocation", damping: float, weight: float) -> dict[str, Any]:
+    """Return the values that `--json` prints; `damping` [N·m·s/rad] and `weight` [N·m] are the plant's."""
     return a.to_dict() | {
         "limits": a.active,
         "stiffness": a.stiffness_name,
@@ -164,6 +170,7 @@ def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
         "slack_assumed": a.joint.slack_assumed,
         "assumed": a.assumed,
         "message": a.message,
+        "gravity_Nm": weight,
     }
 
 

@@ -17,7 +17,7 @@ from functools import cached_property
 from itertools import product
 from math import inf, sqrt
 from os import PathLike
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from allocator.joint.limits import Limits
 from allocator.lazy import Function
 from allocator.units import BAR, CM3
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, integrated, substeps
-from mpc.model.pressures import each_way, fall, gas_of, pull, trapped
+from mpc.model.pressures import each_way, fall, gas_of, pair_of_lags, pull, trapped
 from mpc.model.storage import load_plant, save_plant
 
 STATES = ("theta", "omega", "P1", "P2")
@@ -76,12 +76,7 @@ class Plant:
             raise InvalidInput(f"inertia = {self.inertia:g} kg·m² is over 100; if kg·cm² was meant, divide by 10000")
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
             raise InvalidInput(f"slew = {self.slew:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")
-        said: Any = self.lag  # also a list or an array
-        several = isinstance(said, tuple | list) or (isinstance(said, np.ndarray) and said.ndim == 1)
-        lags = tuple(said) if several else (said, said)
-        if len(lags) != NU:
-            raise InvalidInput(f"lag = {self.lag!r} has to be one time constant or a pair of them [s]")
-        object.__setattr__(self, "lag", tuple(checks.positive("lag", lag, "s") for lag in lags))
+        object.__setattr__(self, "lag", pair_of_lags(self.lag))
         self._check_gas()
 
     def _check_gas(self) -> None:

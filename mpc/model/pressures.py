@@ -21,6 +21,7 @@ The slope a at e = 0 is between those of both ways.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,15 @@ def gas_of(name: str, given: object, own: Gas) -> Gas | None:
     if not (given is None or isinstance(given, bool)):
         raise InvalidInput(f"{name} = {checks.brief(given)} has to be a Gas(kappa, atmosphere), True or False")
     return own if given else None
+
+
+def pair_of_lags(given: Any) -> tuple[float, float]:
+    """Return the time constants [s] of both muscles, given as one, a pair or an array. Raises `InvalidInput`."""
+    several = isinstance(given, tuple | list) or (isinstance(given, np.ndarray) and given.ndim == 1)
+    lags = tuple(given) if several else (given, given)
+    if len(lags) != 2:
+        raise InvalidInput(f"lag = {given!r} has to be one time constant or a pair of them [s]")
+    return checks.positive("lag", lags[0], "s"), checks.positive("lag", lags[1], "s")
 
 
 _ALIKE = 0.05  # relative difference of two lags below which one represents both

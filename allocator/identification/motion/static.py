@@ -193,13 +193,16 @@ def fit_muscles(
     x = 0 * size
     for objective in (torques, residual):  # far away the angles of a soft joint jump; torques are smooth
         x = least_squares(objective, x, bounds=(-most, most), x_scale=size, ftol=1e-6, max_nfev=60).x
-    agonist, antagonist = muscles(x)
+    agonist, antagonist = map(_valid, (joint.agonist, joint.antagonist), muscles(x))
+    return agonist, antagonist, float(x[0])
+
+
+def _valid(muscle: Muscle, found: Muscle) -> Muscle:
+    """Return `muscle` with the parameters of `found`, of which no fit knows the errors."""
     try:
-        one = joint.agonist.with_parameters(agonist.parameters)
-        two = joint.antagonist.with_parameters(antagonist.parameters)
+        return replace(muscle.with_parameters(found.parameters), covariance=None)
     except InvalidInput as error:
         raise InvalidInput(f"muscles like this joint's cannot hold the angles of the log: {error}") from None
-    return replace(one, covariance=None), replace(two, covariance=None), float(x[0])
 
 
 def _sureness(joint: AntagonistJoint, u: Array, P1: Array, P2: Array, least: Array) -> Array:
