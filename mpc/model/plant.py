@@ -72,6 +72,7 @@ class Plant:
         checks.instance("joint", self.joint, AntagonistJoint, known)
         for name, check, unit in _CHECKS:
             object.__setattr__(self, name, check(name, getattr(self, name), unit))
+        object.__setattr__(self, "hanging_angle", self.gravity.hanging)  # checked by it
         if self.inertia > _HEAVIEST:
             raise InvalidInput(f"inertia = {self.inertia:g} kg·m² is over 100; if kg·cm² was meant, divide by 10000")
         if self.slew <= checks.LOOKS_LIKE_BAR[1]:
@@ -392,7 +393,6 @@ _CHECKS = (
     ("damping", checks.not_negative, "N·m·s/rad"),
     ("venting", checks.positive, "-"),
     ("gravity_torque", checks.number, "N·m"),
-    ("hanging_angle", checks.number, "rad"),
     ("slew", checks.positive, "Pa/s"),
 )
 _ALL = 1.0, 1.0  # shares of the gas that is trapped

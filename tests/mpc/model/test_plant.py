@@ -94,6 +94,7 @@ def test_the_integration_step_follows_the_fastest_part_of_the_plant():
         ({"lag": "slow"}, "'slow' is not a number"),
         ({"slew": 5.0}, "if bar/s was meant"),
         ({"gravity_torque": float("nan")}, "gravity_torque = nan"),
+        ({"gravity_torque": 1.0, "hanging_angle": 90.0}, "hanging_angle = 90 rad is over a turn"),
     ],
 )
 def test_parameters_that_make_no_sense_are_refused(wrong, said):
