@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from allocator.joint.geometry import Lever as Lever
     from allocator.joint.geometry import Pulley as Pulley
     from allocator.joint.geometry import Table as Table
+    from allocator.joint.gravity import Gravity as Gravity
     from allocator.joint.hysteresis import PrandtlIshlinskii as PrandtlIshlinskii
     from allocator.joint.limits import Limit as Limit
     from allocator.joint.limits import Limits as Limits

@@ -164,9 +164,9 @@ class Tracking:
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
 
     def _starved(self, tick: Tick) -> bool:
-        """Return whether a lost supply leaves less than half of all commands: on its return the muscles would jump."""
+        """Return whether a lost supply leaves less than half of the commands: on its return the muscles would jump."""
         low = any(suspect.fault is FaultKind.SUPPLY_DROP for suspect in self.health.suspects)
-        return low and bool(np.all(np.asarray(tick.reading.P) < np.asarray(tick.sent) / 2))
+        return low and sum(tick.reading.P) < sum(tick.sent) / 2
 
     def _lost(self, tick: Tick) -> int:
         """Return how many samples were missed in the last second."""

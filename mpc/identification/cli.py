@@ -24,6 +24,8 @@ from allocator.units import BAR, DEG
 if TYPE_CHECKING:
     from mpc.identification.plant import IdentifiedPlant
 
+_WORSE = 2.0  # times the error of the fit: error of a plant's file that deserves a warning
+
 
 @grouped
 def fit_motion_command(
@@ -100,9 +102,6 @@ def fit_motion_command(
     if plant is not None:
         write(out, plant.save, console)
     write(plot, lambda path: save_figure(plot_motion_fit(fit), path, dpi=120), console)
-
-
-_WORSE = 2.0  # times the error of the fit: error of a plant's file that deserves a warning
 
 
 def _plant(fit: MotionFit, joint: Path) -> "IdentifiedPlant":

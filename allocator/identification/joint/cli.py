@@ -183,7 +183,7 @@ def _gravity(option: str | None, file: Table | None) -> Gravity | None:
         return None
     if option is None:
         return NO_GRAVITY if file is None else Gravity.of_file(file)
-    torque, *hanging = row("--gravity", option, "N·m and degrees", {1: "G", 2: "G,θh"})
+    torque, *hanging = row("--gravity", option, "N·m and degrees; or fit", {1: "G", 2: "G,θh"})
     return Gravity(torque, *(angle * DEG for angle in hanging))
 
 
