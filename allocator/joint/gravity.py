@@ -12,6 +12,7 @@ from math import atan2, hypot
 from allocator import checks
 from allocator.calculus import Value, cos, sin
 from allocator.files.toml import Table
+from allocator.units import DEG
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,11 @@ class Gravity:
     def filed(self) -> dict[str, float]:
         """The entries of [plant], none without gravity."""
         return dict(zip(FILED, (self.torque, self.hanging), strict=True)) if self.torque else {}
+
+    def __str__(self) -> str:
+        """Return the amplitude, and the angle at which the link hangs unless it is 0."""
+        turned = f" of a link that hangs at {self.hanging / DEG:.3g}°" if self.torque and self.hanging else ""
+        return f"{self.torque:g} N·m{turned}"
 
     def moment(self, theta: Value) -> Value:
         """Return T_g [N·m] at the angles `theta` [rad]."""

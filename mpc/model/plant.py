@@ -309,7 +309,7 @@ class Plant:
         """One line with its numbers, without those of the joint."""
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
-            f"{self._lag_text}, gravity {self.gravity_torque:g} N·m, slew {self.slew / BAR:g} bar/s, "
+            f"{self._lag_text}, gravity {self.gravity}, slew {self.slew / BAR:g} bar/s, "
             + ("no gas" if self.gas is None else f"{self._gas_text}, {self.kind.text}")
         )
 

@@ -23,6 +23,10 @@ def test_two_parts_are_an_amplitude_and_an_angle():
     assert Gravity.of_parts(0.0, 0.0) == Gravity()
 
 
+def test_it_is_printed_with_the_angle_at_which_it_hangs():
+    assert (str(Gravity(2.0)), str(Gravity(2.0, 0.2))) == ("2 N·m", "2 N·m of a link that hangs at 11.5°")
+
+
 def test_muscles_balance_it_at_the_equilibrium():
     joint, gravity = report_joint(), Gravity(2.0, -0.5)
     P1, P2 = np.array([2.0, 3.0]) * BAR, np.array([3.0, 2.5]) * BAR
