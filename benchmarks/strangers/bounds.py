@@ -12,7 +12,7 @@ over 4 s with |S| ≤ M_s at all frequencies, a given noise of the commands' rat
 of a convex problem (S. P. Boyd and C. H. Barratt, Linear Controller Design: Limits of Performance, 1991, chapters 11
 and 15), here with q of 1 s. Bounds are those for the controller's own M_s and noise, then for M_s = 2 and the noise of
 the MPC, with the slew of the model and without one. The payload's inertia is not part of it. Figures are medians over
-the strangers.
+the strangers; in brackets is the greatest M_s.
 """
 
 from collections.abc import Iterable
@@ -156,10 +156,11 @@ def rows_of(structure: str, seed: int) -> list[Achieved]:
 def table(rows: Iterable[Achieved]) -> list[str]:
     """Return the medians as lines of Markdown."""
     all_rows = list(rows)
-    heads = "M_s | noise [bar/s] | RMS error [°] | greatest [°] | bound [°] | with M_s = 2 [°] | without slew [°]"
+    heads = "M_s (greatest) | noise [bar/s] | error [°] | peak [°] | bound [°] | with M_s = 2 [°] | without slew [°]"
     lines = [f"| controller | {heads} | error over the bound |", "|---" * 9 + "|"]
     for name in CONTROLLERS:
         mine = np.array([row[1:] for row in all_rows if row.controller == name])
-        cells = " | ".join(f"{value:.2f}" for value in np.median(mine, axis=0))
-        lines.append(f"| {name} | {cells} | {np.median(mine[:, 2] / mine[:, 4]):.2f} |")
+        cells = " | ".join(f"{value:.2f}" for value in np.median(mine, axis=0)[1:])
+        peaks = f"{np.median(mine[:, 0]):.2f} ({mine[:, 0].max():.2f})"
+        lines.append(f"| {name} | {peaks} | {cells} | {np.median(mine[:, 2] / mine[:, 4]):.2f} |")
     return lines
