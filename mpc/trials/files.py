@@ -95,9 +95,12 @@ def is_recording(name: str | Path) -> bool:
 
 
 def check_recordable(files: Iterable[Path], machine: Machine) -> None:
-    """Raise `InvalidInput` if one of the `files` is a recording, and no file can hold the `machine`."""
-    if any(map(is_recording, files)):
-        of_plant(machine)
+    """Raise `InvalidInput` if one of the `files` of --out is a recording, and no file can hold the `machine`."""
+    for path in filter(is_recording, files):
+        try:
+            of_plant(machine)
+        except InvalidInput as error:
+            raise InvalidInput(f"--out {path}: {error} (an .npz contains its machine; choose a .csv)") from None
 
 
 def recorded(path: str | Path, machine: Machine) -> Reference:

@@ -41,9 +41,7 @@ def save_arm(arm: Arm, path: FilePath) -> None:
 def arm_text(arm: Arm) -> str:
     """Return the text of an arm's file. Raises `InvalidInput` for bodies or routes without formulas."""
     if not isinstance(arm.bodies, Bodies):
-        raise InvalidInput(
-            f"an arm with {type(arm.bodies).__name__} cannot be written to a file; keep the MuJoCo model"
-        )
+        raise InvalidInput("an arm from a MuJoCo model cannot be written to a file; keep the MuJoCo model")
     lags = tuple(arm.lags.tolist())
     numbers: dict[str, object] = {"lag": lags[0] if len(set(lags)) == 1 else lags, "slew": arm.slew}
     numbers |= {} if arm.gas is None else {"gas": True}

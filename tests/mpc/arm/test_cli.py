@@ -161,7 +161,7 @@ def test_a_recorded_run_is_a_trajectory(folder, brief):
 def test_a_mujoco_model_has_no_recording_and_that_is_said_before_its_run(folder):
     (folder / "arm.xml").write_text(ARM.format(**STRAIGHT))
     result = run("--machine", "arm.xml", "--rest-length", "300", "--out", "run.npz")
-    assert "cannot be written to a file; keep the MuJoCo model" in str(result.exception)
+    assert "run.npz: an arm from a MuJoCo model cannot be written to a file; keep" in str(result.exception)
     assert [path.name for path in folder.iterdir()] == ["arm.xml"]
 
 

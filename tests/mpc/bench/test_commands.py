@@ -161,7 +161,7 @@ def test_what_cannot_be_written_after_a_run_is_refused_before_it(tmp_path):
 <spatial name="extensor"><site site="b"/><site site="d"/></spatial></tendon></mujoco>""")
     given = "run", "--machine", model, "--rest-length", "300", "--device", "sim", "--fast", "--quiet", "--out", out
     result = antagonist(*given)
-    assert "cannot be written to a file; keep the MuJoCo model" in str(result.exception)
+    assert "run.npz: an arm from a MuJoCo model cannot be written to a file; keep" in str(result.exception)
     assert "trajectory" not in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
 
