@@ -23,11 +23,13 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value, cos, is_symbol, sin
 from allocator.errors import InvalidInput
+from allocator.mechanism import Mechanism, Sites
 from allocator.mechanism.endpoint import Endpoint
-from allocator.mechanism.routes.linkage import GROUND, Link
+from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
 
 EARTH = 9.81  # [m/s²]
 
+_SAME = 1e-6  # [m] or [-] of frames of links
 _UNITS = {"length": "m", "mass": "kg", "centre": "m", "inertia": "kg·m²", "damping": "N·m·s/rad"}
 _MOST = {"length": 10.0, "mass": 1000.0, "centre": 10.0, "inertia": 1000.0, "damping": 1000.0, "gravity": 100.0}
 
@@ -203,6 +205,27 @@ class Bodies:
         if size != self.n:
             raise InvalidInput(f"q has the shape {q.shape}; expected (…, {self.n}), the angles of n = {self.n} links")
         return [q[i] if is_symbol(q) else q[..., i] for i in range(self.n)]
+
+
+def check_bodies(bodies: "MovingBodies", mechanism: Mechanism) -> None:
+    """Raise `InvalidInput` unless the bodies have the joints of the mechanism; on `Sites`, `Bodies` have its links."""
+    n, routes = mechanism.n, mechanism.routes
+    if bodies.n != n:
+        raise InvalidInput(f"Arm: bodies of {bodies.n} links for a mechanism with n = {n} joints")
+    if not (isinstance(bodies, Bodies) and isinstance(routes, Sites)):
+        return
+    q = np.arange(1.0, n + 1) / n  # a generic posture
+    own, led = Linkage(bodies.links).frames(q)[:n], routes.linkage.frames(q)[:n]
+    for i, (mine, other) in enumerate(zip(own, led, strict=True)):
+        apart = (other.origin - led[0].origin - mine.origin)[:2]  # the chain may begin anywhere
+        if not np.allclose(mine.rotation, other.rotation, atol=_SAME) or np.abs(apart).max() > _SAME:
+            link = bodies.links[i]
+            origin = f"origin = {checks.brief(link.origin)}, " if i else ""
+            raise InvalidInput(
+                f"Arm: link {i} of the routes (counted from 0) is not that of the bodies, which lie along x at "
+                f"q = 0: expected parent = {link.parent}, {origin}axis = {checks.brief(link.axis)}, zero = 0 and no "
+                "orientation"
+            )
 
 
 def _row(value: ArrayLike) -> list[float]:

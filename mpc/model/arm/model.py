@@ -30,7 +30,7 @@ from allocator.mechanism.routes.mjcf import Source
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.model.arm import formulas, ranges, tangents
-from mpc.model.arm.bodies import BODIES
+from mpc.model.arm.bodies import BODIES, check_bodies
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
@@ -56,8 +56,7 @@ class Arm:
         if not isinstance(self.mechanism, Mechanism) or not hasattr(self.bodies, "mass_matrix"):
             raise InvalidInput("Arm: expected a Mechanism and its Bodies, such as Arm.machine('arm26')")
         n, m = self.mechanism.n, self.mechanism.m
-        if self.bodies.n != n:
-            raise InvalidInput(f"Arm: bodies of {self.bodies.n} links for a mechanism with n = {n} joints")
+        check_bodies(self.bodies, self.mechanism)
         if self.endpoint is not None:
             if not isinstance(self.endpoint, Endpoint):
                 raise InvalidInput(f"Arm: endpoint is a {type(self.endpoint).__name__}; expected an Endpoint")

@@ -1,5 +1,7 @@
 """An arm's formulas are held against the mechanism's numbers, and its derivatives against differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -154,3 +156,17 @@ def test_what_is_no_arm_is_refused():
     tables = Tables(0.4, (tuple(grid),), lengths)
     with pytest.raises(InvalidInput, match="Tables: an arm's model needs lengths that are formulas"):
         Arm(Mechanism(tables, SAROSI_DMSP_20_400N), Bodies.rods((0.3,), (1.0,), 0.1)).statics  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    "changed", [{"origin": (0.2, 0.0)}, {"zero": 0.4}, {"axis": (0.0, 1.0, 0.0)}, {"kind": "slide"}]
+)
+def test_sites_on_another_chain_than_the_bodies_are_refused(changed):
+    """Torques of the muscles and of gravity, and the hand, would be those of two different arms."""
+    mechanism = crossing()
+    first, second = mechanism.routes.links
+    routes = replace(mechanism.routes, links=(first, replace(second, **changed)))
+    with pytest.raises(InvalidInput, match=r"link 1 of the routes .* expected parent = 0, origin = \(0.3, 0.0, 0.0\)"):
+        Arm(replace(mechanism, routes=routes), RODS)
+    lifted = replace(second, origin=(0.3, 0.0, 0.05))
+    assert Arm(replace(mechanism, routes=replace(routes, links=(first, lifted))), RODS).n == 2
