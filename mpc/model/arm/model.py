@@ -13,6 +13,7 @@ with gas, the pressures are integrated as well.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from math import nan
 from typing import Any, Self
 
 import numpy as np
@@ -253,15 +254,16 @@ class Arm:
     def along(self, x: Array, gains: ArrayLike = 1.0) -> tuple[Array, Array]:
         """Return the tracked stiffness (M, k, k) and the muscle forces (M, m) [N] in the states `x` (M, 2n + m).
 
-        `gains` [-], a number or (m,), multiply the forces of the muscle models. States of a run are not checked: an
-        arm without stops may turn over.
+        `gains` [-], a number or (m,), multiply the forces of the muscle models. States are not checked: an arm
+        without stops may turn over. A state with NaN, as of a silent encoder, gives NaN.
         """
-        q, P = self._held(x)
+        known = np.isfinite(x).all(axis=-1)
+        q, P = self._held(np.where(known[:, None], x, np.append(self.middle, np.zeros(self.n + self.m))))
         gains = np.broadcast_to(np.asarray(gains, float), (self.m,))
         muscles = list(zip(self.mechanism.at(q), P.T, gains.tolist(), strict=True))
         K = sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles)
         F = np.stack([gain * muscle.force(pressure) for muscle, pressure, gain in muscles], axis=-1)
-        return self.seen(q, np.asarray(K)), F
+        return np.where(known[:, None, None], self.seen(q, np.asarray(K)), nan), np.where(known[:, None], F, nan)
 
     @property
     def stiffness_text(self) -> str:

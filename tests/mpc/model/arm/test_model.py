@@ -170,3 +170,16 @@ def test_sites_on_another_chain_than_the_bodies_are_refused(changed):
         Arm(replace(mechanism, routes=routes), RODS)
     lifted = replace(second, origin=(0.3, 0.0, 0.05))
     assert Arm(replace(mechanism, routes=replace(routes, links=(first, lifted))), RODS).n == 2
+
+
+@pytest.mark.parametrize("mechanism", [crossing(), warped()], ids=["sites", "functions"])
+def test_a_run_with_a_silent_encoder_has_outputs(mechanism):
+    """A record of a loop holds NaN where there is neither a reading nor an estimate; its errors are still wanted."""
+    arm = Arm(mechanism, RODS)
+    x = np.tile(np.concatenate([[0.1, -0.2, 0.0, 0.0], np.full(arm.m, 2e5)]), (3, 1))
+    x[1, 1] = np.nan
+    K, F = arm.along(x)
+    np.testing.assert_array_equal(K[[0, 2]], arm.stiffness(x[[0, 2]]))
+    np.testing.assert_array_equal(F[[0, 2]], arm.forces(x[[0, 2]]))
+    assert np.isnan(K[1]).all()
+    assert np.isnan(F[1]).all()
