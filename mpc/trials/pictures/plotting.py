@@ -1,5 +1,6 @@
 """Pictures of a run: angles, stiffness and pressures with references and limits, and the path of a hand."""
 
+from dataclasses import replace
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -67,7 +68,7 @@ def draw_hand(axes: "Axes", run: Run, way: Way) -> None:
 
 def draw_ellipses(axes: "Axes", run: Run, way: Way) -> None:
     """Draw the displacements of the hand by forces of 1 N, at some moments: the compliance J K⁻¹ Jᵀ."""
-    K_joints = run.plant.stiffness(run.x)
+    K_joints = replace(run.plant, endpoint=None).along(run.x)[0]
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
     for k in (np.arange(9) * _GOLDEN % 1 * (len(run.t) - 1)).astype(int):

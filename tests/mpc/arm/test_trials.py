@@ -102,6 +102,9 @@ def test_the_figure_shows_every_muscle_and_joint(run):
     figure = tracking_figure(run)
     labels = {label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}
     assert {*ARM.mechanism.muscle_names, *ARM.mechanism.joint_names, "K11", "K12", "K22", "hand"} <= labels
+    x = run.x.copy()
+    x[M // 2 :, 1] = np.nan  # an encoder fell silent
+    assert len(tracking_figure(replace(run, x=x)).axes) == len(figure.axes)
 
 
 def plant():
