@@ -124,11 +124,15 @@ def _rows(rows: object) -> object:
 
 
 def _try(table: Table, muscle: Muscle) -> None:
-    """Refuse parameters for which the law divides by zero, exceeds any muscle's force, or only pushes.
+    """Refuse parameters for which the law divides by zero, exceeds any muscle's force, only pushes, or is in percent.
 
     It may push at rest length, where the muscles of a joint were never measured.
     """
     P, contractions = _USUAL
+    if 1 < (most := muscle.max_contraction) < np.inf:
+        raise table.fault(
+            f"this {type(muscle).__name__} contracts up to the ratio {most:g}; if percent was meant, divide by 100"
+        )
     try:
         with np.errstate(all="ignore"):
             forces = [float(muscle.force(P, eps)) for eps in contractions]

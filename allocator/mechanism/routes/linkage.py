@@ -83,7 +83,7 @@ class Linkage:
     def __init__(self, links: Sequence[Link]) -> None:
         """Take the links. Raises `InvalidInput` if a parent is not an earlier link."""
         for i, link in enumerate(links):
-            if not GROUND <= link.parent < i:
+            if link.parent not in range(GROUND, i):
                 raise InvalidInput(f"link {i} has the parent {link.parent}; expected an earlier one, or -1")
         object.__setattr__(self, "links", tuple(links))
 
@@ -94,8 +94,8 @@ class Linkage:
 
     def site(self, what: str, link: int, position: object) -> Site:
         """Return the checked point on a link. Raises `InvalidInput`, with a message that begins with `what`."""
-        if not GROUND <= link < self.n:
-            raise InvalidInput(f"{what} link {link}; expected -1 (the ground) to {self.n - 1}")
+        if link not in range(GROUND, self.n):  # a coordinate in place of the link is no whole number
+            raise InvalidInput(f"{what} link {link}; expected a whole number from -1 (the ground) to {self.n - 1}")
         return Site(int(link), point(f"{what} link {link}: position", position))
 
     @cached_property

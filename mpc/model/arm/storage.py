@@ -61,7 +61,8 @@ def arm_from(file: Table) -> Arm:
     if not isinstance(machine, Mechanism):
         raise file.fault(f"holds {described(machine)}; expected an arm with [bodies]")
     bodies = file.needed("bodies", "an arm that can move").made(Bodies)
+    numbers = numbers_in(file, _NUMBERS)
     try:
-        return Arm(machine, bodies, **numbers_in(file, _NUMBERS))
+        return Arm(machine, bodies, **numbers)
     except (InvalidInput, TypeError) as error:
         raise InvalidFile(file.path, str(error)) from None

@@ -91,7 +91,15 @@ def test_unknown_methods_list_the_known_ones(name):
         (lambda: Pulleys(0.4, [(0.02,)], 13.75), "initial_contraction.* if percent was meant"),
         (lambda: Sites(0.4, [Link()], [[(0, (0.1, 0.1)), (0, (0.2, 0.1))]]), "muscle 1 has no arm at any joint"),
         (lambda: Sites(0.4, [Link()], [PATH, [(0, (0.1, 0.1))]]), "path 1 has 1 sites; .* two or more"),
-        (lambda: Sites(0.4, [Link()], [[(-1, (0.1, 0.1)), (1, (0.2, 0.1))]]), "runs through link 1; expected -1"),
+        (
+            lambda: Sites(0.4, [Link()], [[(-1, (0.1, 0.1)), (1, (0.2, 0.1))]]),
+            "link 1; expected a whole number from -1",
+        ),
+        (lambda: Sites(0.4, [Link()], [[(-0.3, (0.1, 0.1)), (0, (0.2, 0.1))]]), "link -0.3; expected a whole number"),
+        (
+            lambda: Sites(0.4, [Link()], [[(-1, (-300, 40)), (0, (40, 40))]]),
+            r"length\[0\] = 326.5.* m.* if millimetres",
+        ),
         (lambda: Sites(0.4, [Link(), Link(2)], [PATH]), "link 1 has the parent 2"),
         (lambda: Sites(0.4, [], []), "n = 0 links and m = 0 paths"),
         (lambda: Link(axis=(0.0, 0.0, 0.0)), "axis = 0 is no direction"),

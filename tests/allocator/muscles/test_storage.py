@@ -87,6 +87,7 @@ def test_the_covariance_and_the_source_travel_with_the_muscle(path):
             HOGAN + "F_max = 1e300",
             "the force of this Hogan1984 is 1e+300 N at 5 bar and rest length; check F_max = 1e+300",
         ),
+        (HOGAN.replace("0.3", "30") + "F_max = 1500.0", "this Hogan1984 contracts up to the ratio 30; if percent was"),
         (HOGAN + "F_max = -1500.0", "is -1500 N at 5 bar and rest length; check F_max = -1500, eps_max = 0.3, P_max"),
         (GOOD.replace("0.41", "true"), "alpha0 = True is not a finite number"),
     ],

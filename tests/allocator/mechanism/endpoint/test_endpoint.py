@@ -125,7 +125,10 @@ def test_hidden_joints_that_fall_leave_no_endpoint_stiffness():
     [
         (lambda: Endpoint.planar([300, 300]), r"lengths\[0\] = 300 m is no link; if millimetres, divide by 1000"),
         (lambda: Endpoint.planar(0.3), r"lengths have the shape \(\); expected a row of n links"),
-        (lambda: Endpoint.on_link(SPATIAL, 3, (0.1, 0.0)), "the point is on link 3; expected -1 .* to 2"),
+        (
+            lambda: Endpoint.on_link(SPATIAL, 3, (0.1, 0.0)),
+            "the point is on link 3; expected a whole number from -1 .* to 2",
+        ),
         (lambda: Endpoint.on_link(SPATIAL, 1, 0.1), "the point is on link 1: position = 0.1 .* two or three"),
         (lambda: Endpoint.on_link(SPATIAL, 1, (0.1, 0), axes="xx"), "axes = 'xx' have to be different letters"),
         (lambda: Endpoint.from_function(2, lambda q: "far"), "'far', no CasADi expression"),
