@@ -52,7 +52,7 @@ class Mechanism:
     routes: Routes
     muscles: tuple[Muscle, ...]
     pressure_limits: tuple[float, float] = (0.0, 5 * BAR)  # of the supply [Pa]
-    angle_limits: tuple[tuple[float, float], ...] | None = None  # end stops of each joint [rad]
+    angle_limits: tuple[tuple[float, float], ...] | None = None  # end stops of each joint [rad], within any table
     min_contraction: float = 0.025  # ε_threshold [-], below it no model is valid
     muscle_names: tuple[str, ...] = ()  # (m,), by default "muscle 1", …
     joint_names: tuple[str, ...] = ()  # (n,), by default "joint 1", …
@@ -71,8 +71,7 @@ class Mechanism:
         object.__setattr__(self, "muscles", muscles)
         object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
         object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
-        if self.angle_limits is not None:
-            object.__setattr__(self, "angle_limits", _angle_limits(self.angle_limits, n))
+        object.__setattr__(self, "angle_limits", _angle_limits(self.angle_limits, self.routes))
         object.__setattr__(self, "muscle_names", _names("muscle", self.muscle_names, m))
         object.__setattr__(self, "joint_names", _names("joint", self.joint_names, n))
         checked_gas(self.gas)
@@ -343,10 +342,18 @@ def _stacked(torque: Array, stiffness: Array, rows: Indices, columns: Indices) -
     return np.concatenate([torque, stiffness[..., rows, columns]], axis=-1)
 
 
-def _angle_limits(value: object, n: int) -> tuple[tuple[float, float], ...]:
+def _angle_limits(value: object, routes: Routes) -> tuple[tuple[float, float], ...] | None:
+    """Return the checked end stops within the reach of the routes. Raises `InvalidInput`."""
+    if value is None:
+        return routes.reach
     array = checks.angle("angle_limits", value)
-    if array.shape != (n, 2) or not (array[:, 0] < array[:, 1]).all():
-        raise InvalidInput(f"angle_limits have to be (lower, upper) of each of n = {n} joints, increasing [rad]")
+    if array.shape != (routes.n, 2) or not (array[:, 0] < array[:, 1]).all():
+        raise InvalidInput(f"angle_limits have to be (lower, upper) of each of n = {routes.n} joints, increasing [rad]")
+    if routes.reach is not None:
+        low, high = np.transpose(routes.reach)
+        array = np.stack([np.maximum(array[:, 0], low), np.minimum(array[:, 1], high)], axis=1)
+        if not (array[:, 0] < array[:, 1]).all():
+            raise InvalidInput("angle_limits lie outside the angles of the routes' table")
     return tuple((float(low), float(high)) for low, high in array)
 
 

@@ -52,6 +52,11 @@ class Routes(ABC):
     def at(self, q: Array) -> RoutedLengths:
         """Return lengths, arms and bends of all muscles at the postures `q` (…, n)."""
 
+    @property
+    def reach(self) -> tuple[tuple[float, float], ...] | None:
+        """Ranges of the n joints in which the lengths are known [rad]; None: everywhere."""
+        return None
+
     def symbolic(self, q: "SX") -> Sequence["SX | float"]:
         """Return the lengths l (m) [m] as formulas of the CasADi column `q` (n, 1).
 
@@ -82,6 +87,13 @@ def per_muscle(name: str, value: object, m: int, unit: str) -> Array:
             f"{name} has the shape {array.shape}; one number or one for each of m = {m} muscles [{unit}]"
         )
     return np.broadcast_to(array, (m,)).astype(float)
+
+
+def check_lengths(kind: str, lengths: Array) -> None:
+    """Raise `InvalidInput` for `lengths` [m] that are no muscles'."""
+    if (wrong := np.abs(lengths) > LONGEST).any():
+        length = f"length{checks.at(lengths, wrong)} m, without cable,"
+        raise InvalidInput(f"{kind}: {length} is no muscle's; if millimetres, divide by 1000")
 
 
 class IdleMuscle(InvalidInput):

@@ -16,7 +16,7 @@ from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.joint.geometry import TableError, check_table, greatest_differences, halves
 from allocator.lazy import SX
-from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, rest_lengths
+from allocator.mechanism.routes.base import RoutedLengths, Routes, check_arms, check_lengths, rest_lengths
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -144,6 +144,7 @@ class Tables(Routes):
                 f"Tables: lengths have the shape {l_.shape}; the grid of n = {len(rows)} joints and m "
                 f"muscles expects ({', '.join(map(str, shape))}, m)"
             )
+        check_lengths("Tables", l_)
         object.__setattr__(self, "grid", tuple(tuple(row.tolist()) for row in rows))
         object.__setattr__(self, "lengths", _nested(l_.tolist()))
         object.__setattr__(self, "rest_length", rest_lengths("Tables", rest_length, l_.shape[-1]))
@@ -156,6 +157,11 @@ class Tables(Routes):
     def n(self) -> int:
         """Number of joints."""
         return len(self.grid)
+
+    @property
+    def reach(self) -> tuple[tuple[float, float], ...]:
+        """First and last angle of each joint in the grid [rad]."""
+        return tuple((row[0], row[-1]) for row in self.grid)
 
     @cached_property
     def _spline(self) -> "NdBSpline":

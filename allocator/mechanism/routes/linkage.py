@@ -37,6 +37,7 @@ class Link:
 
     def __post_init__(self) -> None:
         """Check and normalise."""
+        object.__setattr__(self, "parent", checks.count("Link: parent", self.parent, GROUND))
         object.__setattr__(self, "origin", point("Link: origin", self.origin))
         axis = np.array(point("Link: axis", self.axis))
         if not (norm := np.linalg.norm(axis)) > 0:
@@ -83,7 +84,7 @@ class Linkage:
     def __init__(self, links: Sequence[Link]) -> None:
         """Take the links. Raises `InvalidInput` if a parent is not an earlier link."""
         for i, link in enumerate(links):
-            if link.parent not in range(GROUND, i):
+            if not link.parent < i:
                 raise InvalidInput(f"link {i} has the parent {link.parent}; expected an earlier one, or -1")
         object.__setattr__(self, "links", tuple(links))
 

@@ -16,11 +16,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.lazy import SX
-from allocator.mechanism.routes.base import LONGEST, RoutedLengths, Routes, check_arms, per_muscle, rest_lengths
+from allocator.mechanism.routes.base import (
+    RoutedLengths,
+    Routes,
+    check_arms,
+    check_lengths,
+    per_muscle,
+    rest_lengths,
+)
 from allocator.mechanism.routes.linkage import Link, Linkage, Site
 
 Path = Sequence[tuple[int, ArrayLike]]
@@ -54,9 +60,7 @@ class Sites(Routes):
         object.__setattr__(self, "cable", tuple(per_muscle("Sites: cable", cable, m, "m").tolist()))
         somewhere = self.at(_SOMEWHERE * np.arange(1.0, n + 1) / n)
         check_arms("Sites", somewhere.arm)
-        if (wrong := np.abs(somewhere.length) > LONGEST).any():
-            length = f"length{checks.at(somewhere.length, wrong)} m, of the path less its cable,"
-            raise InvalidInput(f"Sites: {length} is no muscle's; if millimetres, divide by 1000")
+        check_lengths("Sites", somewhere.length)
 
     @property
     def n(self) -> int:

@@ -257,7 +257,7 @@ class Arm:
         `gains` [-], a number or (m,), multiply the forces of the muscle models. States are not checked: an arm
         without stops may turn over. A state with NaN, as of a silent encoder, gives NaN.
         """
-        known = np.isfinite(x).all(axis=-1)
+        known = np.asarray(np.isfinite(x).all(axis=-1))
         q, P = self._held(np.where(known[:, None], x, np.append(self.middle, np.zeros(self.n + self.m))))
         gains = np.broadcast_to(np.asarray(gains, float), (self.m,))
         muscles = list(zip(self.mechanism.at(q), P.T, gains.tolist(), strict=True))

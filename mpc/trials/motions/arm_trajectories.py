@@ -179,6 +179,9 @@ def _swings(arm: Arm, wanted: Array) -> Array:
     swings = np.clip(wanted, -_MOST * (high - low) / 2, _MOST * (high - low) / 2)
     least = np.linalg.eigvalsh(K_of(middle[None]))[0, 0]
     if not least > 0:
+        arms = arm.mechanism.arms(middle)
+        if idle := [name for name, own in zip(arm.mechanism.joint_names, arms.T, strict=True) if not own.any()]:
+            raise InvalidInput(f"no muscle moves {', '.join(idle)}: the arm does not hold itself there")
         raise InvalidInput(
             "the arm does not hold itself in the middle of its ranges at pressures half-way from slack to the greatest "
             f"ones: an eigenvalue of its stiffness is {least:.3g} N·m/rad; its muscles' arms grow too fast as they "

@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from allocator import InvalidInput, Limits, Method, MissingBackend, Stiffness, allocate, report_joint
+from allocator import InvalidInput, Limits, Method, MissingBackend, Status, Stiffness, allocate, report_joint
 from allocator.allocation import allocate_at_least
 from allocator.joint.gas import HELD
 from allocator.mechanism import (
@@ -79,6 +79,21 @@ def test_unknown_methods_list_the_known_ones(name):
         allocate(joint=ARM, **GOOD, method="magic" if name == "method" else Method("qp", solver="magic"))
 
 
+GRID = np.linspace(-0.2, 0.2, 5)
+TABLE = Tables(0.4, [GRID], 0.35 - np.stack([0.02 * GRID, -0.02 * GRID], axis=1))
+
+
+def test_a_posture_beyond_a_table_is_answered_at_its_end():
+    """As that of a joint with a `Table`; beyond the grid the lengths are those of no measurement."""
+    free = Mechanism(TABLE, SAROSI_DMSP_20_400N)
+    assert free.angle_limits == ((-0.2, 0.2),)
+    assert Mechanism(TABLE, SAROSI_DMSP_20_400N, angle_limits=((-0.1, 1.0),)).angle_limits == ((-0.1, 0.2),)
+    answer = allocate([0.5], 5.0, joint=free)
+    assert answer.q == 0.2
+    assert answer.status == Status.OUTSIDE_JOINT_RANGE
+    assert "joint 1 range" in answer.active
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -101,6 +116,7 @@ def test_unknown_methods_list_the_known_ones(name):
             r"length\[0\] = 326.5.* m.* if millimetres",
         ),
         (lambda: Sites(0.4, [Link(), Link(2)], [PATH]), "link 1 has the parent 2"),
+        (lambda: Link(parent=0.0), "Link: parent = 0.0 has to be a whole number, -1 or more"),
         (lambda: Sites(0.4, [], []), "n = 0 links and m = 0 paths"),
         (lambda: Link(axis=(0.0, 0.0, 0.0)), "axis = 0 is no direction"),
         (lambda: Link(origin=(0.1,)), "origin = .* two or three coordinates"),
@@ -108,6 +124,11 @@ def test_unknown_methods_list_the_known_ones(name):
         (lambda: Link(kind="ball"), "kind = 'ball' is unknown; choose one of hinge, slide"),
         (lambda: Tables(0.4, [[0.0, 0.1, 0.2]], np.ones((3, 1))), r"grid\[0\] .* 4 or more increasing"),
         (lambda: Tables(0.4, [np.arange(5) / 5], np.ones((4, 1))), r"lengths have the shape \(4, 1\).* \(5, m\)"),
+        (lambda: Tables(0.4, [GRID], 350 - 20 * GRID[:, None]), r"length\[0, 0\] = 354 m.* if millimetres"),
+        (
+            lambda: Mechanism(TABLE, SAROSI_DMSP_20_400N, angle_limits=((1.0, 2.0),)),
+            "angle_limits lie outside the angles of the routes' table",
+        ),
         (lambda: Tables(0.4, [np.arange(5) / 5], np.ones((5, 1))), "muscle 1 has no arm"),
         (lambda: from_function(0.4, 2, lambda q: [0.3 - 0.02 * q[0], casadi.SX(0.3)]), "muscle 2 has no arm"),
         (lambda: from_function(0.4, 2, lambda q: "far"), "'far', no CasADi expression"),

@@ -10,7 +10,8 @@ import pytest
 
 from allocator import BAR, allocate
 from allocator.errors import CannotWrite, InvalidInput, MissingBackend
-from allocator.mechanism import Endpoint
+from allocator.mechanism import Endpoint, Mechanism, Pulleys
+from allocator.muscles import SAROSI_DMSP_20_400N
 from mpc.arm import film as filming
 from mpc.arm.film import Film
 from mpc.arm.mjcf import to_mjcf
@@ -65,6 +66,13 @@ def test_a_reference_that_stretches_the_arm_out_asks_for_no_stiffness_of_the_han
         reference("circle", hand)
     assert reference("circle", ARM).duration == 8.0
     assert np.isfinite(reference("draw", hand).K).all()
+
+
+def test_a_joint_that_no_muscle_moves_is_named():
+    idle = Pulleys(0.4, [(0.02, 0.0), (-0.02, 0.0)], 0.1375)
+    mechanism = Mechanism(idle, SAROSI_DMSP_20_400N, joint_names=("shoulder", "elbow"))
+    with pytest.raises(InvalidInput, match="no muscle moves elbow: the arm does not hold itself there"):
+        reference("reach", Arm(mechanism, ARM.bodies))
 
 
 def test_the_usual_stiffness_is_one_that_the_muscles_come_near(run):
