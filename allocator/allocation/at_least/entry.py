@@ -264,8 +264,8 @@ def _solved(problem: BoxProblem, floors: Floors) -> AtLeast:
     programme = floors.programme
     found = semidefinite.least(programme)
     if found is not None:
-        answer = _exact(problem, found[0])
-        if (met := AtLeast(answer, floors, found[1])).success:
+        met = AtLeast(_exact(problem, found[0]), floors, found[1])
+        if met.torque_met and met.enough and met.gap <= _LEAST:  # also of an unstable posture, or with a slack muscle
             return met
     beyond = semidefinite.widest(programme)
     if beyond is None:  # unreachable torques: the nearest, and among these the nearest stiffness

@@ -163,6 +163,13 @@ def test_contradicting_limits_keep_their_status():
     assert allocate_at_least(ARM, [1.5, 0.0], 3.0).status == Status.OUTSIDE_JOINT_RANGE
 
 
+def test_beyond_the_joint_range_the_least_pressures_are_those_of_its_end():
+    end, beyond = (allocate_at_least(ARM, [q, 0.0], 3.0) for q in (ARM.angle_limits[0][1], 1.5))
+    assert end.status == Status.EXACT
+    np.testing.assert_allclose(beyond.P, end.P, atol=1e-6)
+    assert beyond.status == Status.OUTSIDE_JOINT_RANGE
+
+
 def test_the_answer_shows_itself():
     a = allocate_at_least(ARM, Q, 300.0, stiffness=Stiffness(endpoint=HAND))
     assert "N/m at the endpoint" in repr(a)
