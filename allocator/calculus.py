@@ -150,6 +150,8 @@ class Spline:
         """
         from scipy.interpolate import CubicSpline
 
+        if any(map(is_symbol, y)):
+            raise InvalidInput(f"{name}: its samples have to be numbers, not symbols, as of a fitted table that varies")
         x, y = np.array(x, float), np.array(y)
         y = y if y.dtype == complex else y.astype(float)  # complex: a derivative with respect to the samples
         if x.ndim != 1 or x.shape != y.shape or x.size < 3:

@@ -40,7 +40,7 @@ class MujocoBatch:
         for i in np.flatnonzero(which):
             plant, v = self.plants[i], self.v[i]
             own = {kind: kind.unchecked(v[at[f"kind {k}"]].tolist()) for k, kind in enumerate(kinds)}
-            muscles = tuple(own[muscle] for muscle in self.varied.arm.mechanism.muscles)
+            muscles = tuple(own.get(muscle, muscle) for muscle in self.varied.arm.mechanism.muscles)
             plant.pneumatics = replace(plant.pneumatics, muscles=muscles, lag=v[at["lags"]], force_gains=v[at["gains"]])
             plant.model.body_mass[:], plant.model.body_inertia[:] = v[at["mass"]] * mass, v[at["mass"]] * inertia
             plant.model.dof_damping[:] = v[at["damping"]] * damping

@@ -93,7 +93,7 @@ RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of abou
 class VariedArm:
     """Arm with variable numbers.
 
-    These are, in this order: the parameters of every distinct muscle, the muscles' gains g (m), lags (m) [s], the
+    In this order: the parameters of every distinct fitted muscle, the muscles' gains g (m), lags (m) [s], the
     factor s of all masses and b of the damping, and offset, stiffness and damping of the wall, if there is one.
     """
 
@@ -123,8 +123,8 @@ class VariedArm:
 
     @cached_property
     def kinds(self) -> tuple[Muscle, ...]:
-        """Distinct muscles."""
-        return tuple(dict.fromkeys(self.arm.mechanism.muscles))
+        """Distinct muscles that were fitted; the parameters of others are constants."""
+        return tuple(dict.fromkeys(kind for kind in self.arm.mechanism.muscles if kind.covariance is not None))
 
     @cached_property
     def places(self) -> dict[str, slice]:
@@ -162,7 +162,7 @@ class VariedArm:
         import casadi as ca
 
         varied = {kind: kind.unchecked(ca.vertsplit(v[self.places[f"kind {k}"]])) for k, kind in enumerate(self.kinds)}
-        return [varied[muscle] for muscle in self.arm.mechanism.muscles]
+        return [varied.get(muscle, muscle) for muscle in self.arm.mechanism.muscles]
 
     def forces(self, length: "SX", P: "SX", v: "SX") -> "SX":
         """Return the forces (m, 1) [N] of muscles of the `length` (m, 1) [m], 0 for slack cables. CasADi symbols."""

@@ -43,10 +43,10 @@ class Variation:
         """Raise `InvalidInput` unless `fit` has covariances that can be drawn from, and a varied wall exists."""
         if varied.wall is None and (self.wall_offset or self.wall_stiffness):
             raise InvalidInput("Variation: wall_offset and wall_stiffness need a wall, and this arm meets none")
-        if self.fit and all(kind.covariance is None for kind in varied.kinds):
+        if self.fit and not varied.kinds:
             raise InvalidInput("Variation: fit=True, but none of the muscles was fitted: none has a covariance")
         for k, kind in enumerate(varied.kinds):
-            if self.fit and kind.covariance is not None:
+            if self.fit:
                 drawn = _normal(kind, _LOOKED_AT, np.random.default_rng(0))
                 if (without := 1 - float(_pulls(varied, k, drawn).mean())) > _MOST_REFUSED:
                     raise InvalidInput(
@@ -57,8 +57,8 @@ class Variation:
     def draw(self, varied: VariedArm, size: int, rng: np.random.Generator) -> Array:
         """Return rows of values (size, p) for `size` arms, see `VariedArm`."""
         v, at, m = np.tile(varied.nominal, (size, 1)), varied.places, varied.arm.m
-        for k, kind in enumerate(varied.kinds):
-            if self.fit and kind.covariance is not None:
+        for k in range(len(varied.kinds)):
+            if self.fit:
                 v[:, at[f"kind {k}"]] = _parameters(varied, k, size, rng)
         v[:, at["gains"]] *= np.maximum(1 + self.gains * rng.standard_normal((size, m)), 0.0)
         v[:, at["lags"]] *= np.exp(self.lags * rng.standard_normal((size, m)))

@@ -12,6 +12,7 @@ from allocator.joint.gas import Gas
 from allocator.mechanism import Link, Mechanism, Sites
 from allocator.muscles import Hildebrandt2005
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
+from allocator.muscles.models.custom import TableMuscle
 from allocator.muscles.uncertainty import force_std
 from allocator.units import BAR
 from mpc.arm.learning.mujoco_batch import MujocoBatch
@@ -206,14 +207,21 @@ def test_a_variation_without_a_fit_or_a_sense_is_refused():
         Variation(fit=True).check(VariedArm(ARM))
     with pytest.raises(InvalidInput, match="gains = 5"):
         Variation(gains=5.0)
+    table = VariedArm(replace(ARM, mechanism=ARM.mechanism.with_muscles(replace(MEASURED, covariance=np.eye(8)))))
+    with pytest.raises(InvalidInput, match="TableMuscle area: its samples have to be numbers, not symbols"):
+        table.rate(*table.symbols())
     wide = replace(ARM, mechanism=ARM.mechanism.with_muscles(fitted(1e6)))
     with pytest.raises(InvalidInput, match="does not pull"):
         Variation(fit=True).check(VariedArm(wide))
 
 
-def test_any_law_can_be_varied():
-    """One that is not affine in the pressure goes through the same formula."""
-    varied = VariedArm(replace(ARM, mechanism=ARM.mechanism.with_muscles(TONDU_DMSP_20_400N)))
+MEASURED = TableMuscle((0.0, 0.1, 0.2, 0.3), (3e-3, 2.1e-3, 1.2e-3, 0.4e-3), (-190.0, -40.0, 0.0, 5.0))
+
+
+@pytest.mark.parametrize("muscle", [TONDU_DMSP_20_400N, MEASURED])
+def test_any_law_can_be_varied(muscle):
+    """One that is not affine in the pressure goes through the same formula, and so does a table."""
+    varied = VariedArm(replace(ARM, mechanism=ARM.mechanism.with_muscles(muscle)))
     batch = ArmBatch(varied, 2, 0.01, compiled=False)
     batch.x[:, 4:] = 3 * BAR
     batch.v[1, varied.places["gains"]] = 1.1
