@@ -136,7 +136,7 @@ class Bodies:
         """Return g(q) (…, n) [N·m], the slope of the potential, which the muscles have to balance."""
         (x, y), s = self.gravity, self._moments.tolist()
         if x == y == 0 and not is_symbol(q):  # a horizontal plane, where most studies are
-            return 0.0 * np.asarray(q, float)
+            return np.zeros_like(np.asarray(q, float))
         of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
         return _vector(self._carried(of_links), q)
 
