@@ -35,12 +35,12 @@ from mpc.model.experiment import check_stiffness
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer, check_observer
+from mpc.observer.gating import ROUNDING
 from mpc.observer.health import WELL, FaultKind, Health, Reaction
 from mpc.trials.motions.reference import LONGEST, Reference
 from mpc.trials.simulation import Controller, check_parts
 
 _FURTHEST = 0.8  # samples: with more, the estimated velocity amplifies its own error through the angle
-_ROUNDING = 1e-9  # [rad] a lesser change of an angle is none
 _COARSEST = 1e3  # [rad] step of an encoder that is not known yet
 _BLIND = 0.1  # missed samples [s] in a second, which the observer takes for silent sensors
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
@@ -142,12 +142,12 @@ class Tracking:
 
     def _learn_steps(self, changes: Array) -> None:
         """Update the steps of the encoders (n,) [rad], the least changes of readings so far."""
-        self._steps = np.where((changes > _ROUNDING) & (changes < self._steps), changes, self._steps)
+        self._steps = np.where((changes > ROUNDING) & (changes < self._steps), changes, self._steps)
 
     def _on_grid(self, said: Array) -> Array:
         """Return readings whose angles differ from the last ones by more than rounding, or not at all."""
         angles = said[: self._n]
-        angles[:] = self._angles = np.where(np.abs(angles - self._angles) <= _ROUNDING, self._angles, angles)
+        angles[:] = self._angles = np.where(np.abs(angles - self._angles) <= ROUNDING, self._angles, angles)
         return said
 
     def _check_health(self, tick: Tick) -> None:
