@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.end_stops import described, stops
+from allocator.identification.end_stops import described
 from allocator.identification.least_squares import rms
 from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
@@ -97,13 +97,12 @@ class MotionFit:
     @property
     def left_out(self) -> Errors:
         """Return the root mean square of the left-out blocks' errors [rad], each block counted once."""
-        every, taut = np.array(self.blocks).T
-        return Errors(rms(every), rms(taut[np.isfinite(taut)]))
+        return Errors(*(rms(errors[np.isfinite(errors)]) for errors in np.array(self.blocks).T))
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings, sentences without a full stop."""
-        found = tuple(map(described, stops(self.log.theta, self.log.P1, self.log.P2)))
+        found = tuple(map(described, self.log.ends))
         if not self.converged:
             found = ("the search stopped before it converged", *found)
         if self.left_out.every > _UNEXPLAINED * (moved := float(self.log.theta.std())):
