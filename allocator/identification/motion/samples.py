@@ -250,15 +250,15 @@ class MotionLog:
                 f"{self.n} rows over {duration:.3g} s are too few: record a minute or more of random steps of both "
                 "pressures"
             )
-        if (free := int(self.settled.sum())) < _LEAST_ROWS:
-            raise InvalidInput(
-                f"only {free} rows are off the end stops, {', '.join(f'{end.angle / DEG:.3g}°' for end in self.ends)}: "
-                "a joint at a stop shows nothing of its motion; step the pressures less far"
-            )
         if self.swing < _LEAST_SWING:
             raise InvalidInput(
                 f"theta stays within {self.swing / DEG:.2g}°: the log shows no motion; step the pressures against "
                 "each other through the range that the joint is used in"
+            )
+        if self.ends and (free := int(self.settled.sum())) < _LEAST_ROWS:
+            raise InvalidInput(
+                f"only {free} rows are off the end stops, {', '.join(f'{end.angle / DEG:.3g}°' for end in self.ends)}: "
+                "a joint at a stop shows nothing of its motion; step the pressures less far"
             )
         for name, P in (("P1", self.P1), ("P2", self.P2)):
             if np.ptp(P) < _LEAST_MOVE:
