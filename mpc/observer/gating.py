@@ -14,7 +14,8 @@ No model is exact, so that true motion is sometimes rejected. But rejected readi
 are accepted (`mpc.observer.rivalry`). Those that began near the expected value are accepted after `hesitation`: a blow,
 or an unknown load as great as the muscles' torque T, moves the joint no farther than 0.9 T dt²/J before the observer
 would have detected it. Those that began with a greater jump, like an encoder that has lost its zero, are accepted after
-`patience`.
+`patience`. If angles and pressures are rejected, the angles decide: the muscle of a snapped cable shortens at once, and
+its pressure jumps.
 
 If a sensor was taken for frozen and then moves by less than such a jump, it was at rest: a sticking joint repeats its
 angle, while a model without friction expects motion. It is accepted at once, because the belief without the sensor has

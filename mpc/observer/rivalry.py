@@ -37,6 +37,7 @@ class Rivalry:
 
     def __init__(self, filter: Filter, gates: list[SensorGate], gate: Gate, dt: float, tolerance: float) -> None:
         self._filter, self._gates, self._jump, self._dt = filter, gates, gate.jump, dt
+        self._n = filter.plant.n
         times = gate.hesitation, gate.patience, tolerance
         self.hesitation, self.patience, self.crossing = (round(time / dt) for time in times)  # [samples]
         self.reset()
@@ -81,6 +82,8 @@ class Rivalry:
         rival = self._rival and self._loosened(predicted(self._rival), y.rejected)
         if rival is None or not self._explains(rival, y, used):
             rival = self._begun(expected, y)
+        elif (y.rejected & ~self._contested)[: self._n].any():
+            self._doubt(expected, y)
         self._count(y, used)
         if not some or (self._explained <= self._doubted and confirmed):
             self._rival = self._filter.corrected(rival, y.read, used, y.variances)
@@ -90,7 +93,7 @@ class Rivalry:
 
     def _loosened(self, rival: Belief, rejected: Mask) -> Belief:
         """Return the rival without trust in regulators of rejected pressures, if an angle has jumped as well."""
-        n = len(self._gates) - self._filter.plant.m
+        n = self._n
         if self._doubted < self.patience or not rejected[:n].any() or not rejected[n:].any():
             return rival
         covariance = rival.covariance.copy()
@@ -100,10 +103,15 @@ class Rivalry:
         return Belief(rival.xi, covariance)
 
     def _begun(self, expected: Belief, y: Readings) -> Belief:
-        near = np.abs(y.read - self._filter.foreseen(expected)) <= self._jump
-        self._doubted = self.hesitation if near[y.rejected].all() else self.patience
-        self._explained = 0
+        self._doubt(expected, y)
         return self._filter.unsure_at(expected, y.read, y.rejected)
+
+    def _doubt(self, expected: Belief, y: Readings) -> None:
+        """Set the time for which a rival has to explain readings, by the distance at which they begin."""
+        far = y.rejected & ~(np.abs(y.read - self._filter.foreseen(expected)) <= self._jump)
+        thrown = bool(y.rejected[: self._n].any())  # the muscle of a snapped cable shortens at once: P may jump
+        self._doubted = self.patience if far[: self._n if thrown else None].any() else self.hesitation
+        self._explained = 0
 
     def _count(self, y: Readings, used: Mask) -> None:
         """Count a sample that the rival has explained."""

@@ -149,6 +149,18 @@ def test_a_joint_that_is_hit_is_found_again_at_once():
     assert np.abs(run.theta[-50:]).max() < 0.1 * DEG
 
 
+def test_a_snapped_cable_throws_the_joint_and_its_muscle_s_pressure_jumps():
+    """An angle that moves off is believed at once with the pressure that jumps; a jump alone is not."""
+    noise = np.random.default_rng(0).normal(1.0, 0.02, (7, 2))
+    jumped = np.array([1.5, 0.01]) * GATE.jump[1] * noise
+    for off, verdict in ((0.1 * GATE.jump[0], Verdict.BELIEVED), (0.0, Verdict.REJECTED)):
+        observer = KalmanObserver(PLANT, DT)
+        fed(observer, [REST[0]] * 50)
+        for k, less in enumerate(jumped):
+            observer.estimate(np.array([REST[0] + off * k**2, np.nan, *REST[2:] - less]), REST[2:])
+        assert [*observer.verdicts] == [Verdict.BELIEVED, verdict, Verdict.BELIEVED]
+
+
 @pytest.mark.compiles
 def test_a_coarse_encoder_s_step_is_learnt():
     real = replace(RealPlant.standard(), encoder=0.5 * DEG)

@@ -118,16 +118,23 @@ static void end_rivalry(ant_observer *o) {
     memset(o->contested, 0, sizeof o->contested);
 }
 
-/* A rival begins at the readings that are rejected. */
-static void challenge(ant_observer *o, const ant_belief *expected, const ant_real read[ANT_SENSORS], const int rejected[ANT_SENSORS]) {
-    o->rival = *expected;
-    o->rivalled = 1;
+/* Sets for how long a rival has to explain readings that begin at this distance from those expected. */
+static void doubt(ant_observer *o, const ant_belief *expected, const ant_real read[ANT_SENSORS], const int rejected[ANT_SENSORS]) {
+    int thrown = 0; /* the muscle of a snapped cable shortens at once: its pressure may jump */
+    for (int i = 0; i < ANT_JOINTS; i++) thrown = thrown || rejected[i];
     o->explained = 0;
     o->doubted = ANT_HESITATION;
-    for (int i = 0; i < ANT_SENSORS; i++) {
+    for (int i = 0; i < (thrown ? ANT_JOINTS : ANT_SENSORS); i++) {
         const ant_real off = ant_abs(read[i] - ant_foreseen(expected, i));
         if (rejected[i] && !(off <= ANT_GATE_JUMP[i])) o->doubted = ANT_GATE_PATIENCE;
     }
+}
+
+/* A rival begins at the readings that are rejected. */
+static void challenge(ant_observer *o, const ant_belief *expected, const ant_real read[ANT_SENSORS], const int rejected[ANT_SENSORS]) {
+    doubt(o, expected, read, rejected);
+    o->rival = *expected;
+    o->rivalled = 1;
     ant_unsure(&o->rival, read, rejected);
 }
 
@@ -143,7 +150,7 @@ static void loosen(ant_belief *rival, const int rejected[ANT_SENSORS]) {
 
 /* Writes to `expected` the prediction of a rival that has explained the rejected readings for long enough. */
 static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[ANT_SENSORS]) {
-    int rejected[ANT_SENSORS], used[ANT_SENSORS], any = 0, contested = 0;
+    int rejected[ANT_SENSORS], used[ANT_SENSORS], any = 0, contested = 0, fresh = 0;
     ant_real repeating = 0;
     believed(o, used);
     for (int i = 0; i < ANT_SENSORS; i++) {
@@ -158,7 +165,11 @@ static void rival_or(ant_observer *o, ant_belief *expected, const ant_real read[
         ant_predict_belief(o, &o->rival, 0, ANT_Q_NOISE);
         if (o->doubted >= ANT_GATE_PATIENCE) loosen(&o->rival, rejected);
     }
-    if (!o->rivalled || !explains(o, read, used)) challenge(o, expected, read, rejected);
+    for (int i = 0; i < ANT_JOINTS; i++) fresh = fresh || (rejected[i] && !o->contested[i]);
+    if (!o->rivalled || !explains(o, read, used))
+        challenge(o, expected, read, rejected);
+    else if (fresh)
+        doubt(o, expected, read, rejected);
     for (int i = 0; i < ANT_SENSORS; i++) {
         o->contested[i] = o->contested[i] || rejected[i];
         contested = contested || (used[i] && o->contested[i]);
