@@ -314,8 +314,13 @@ LABELS = {
 
 
 def _holding(muscle: Muscle, more: float, given: AntagonistJoint) -> Muscle:
-    """Return the muscle with `more` gas [m³]."""
+    """Return the muscle with `more` gas [m³]. Raises `InvalidInput` if its law then leaves none at rest length."""
     at_rest = float(muscle.volume_at_rest(given.geometry.rest_length)) - muscle.tube_volume + more
+    if at_rest <= 0:
+        raise InvalidInput(
+            f"the gas that the log shows leaves this {type(muscle).__name__} {1e6 * at_rest:.3g} cm³ at rest length, "
+            "beyond the angles of its fit: measure rests at more angles, or leave the gas out by gas=False (--no-gas)"
+        )
     return replace(muscle, inner_radius=None, rest_volume=at_rest) if more else muscle
 
 
