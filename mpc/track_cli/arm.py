@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from allocator.errors import InvalidInput
+from allocator.mechanism.bodies import Bodies
 from allocator.presentation.progress import waiting
 from allocator.shell.options import within
 from allocator.units import BAR, DEG, PERCENT
@@ -18,7 +19,6 @@ from mpc.arm.experiments import arriving
 from mpc.arm.film import SIZES, Film
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.options import Described, asked_of_arm, described, owner_of_arm, refuse_options_of_one_joint
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction

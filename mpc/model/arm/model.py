@@ -25,12 +25,12 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
 from allocator.lazy import SX, Function
 from allocator.mechanism import Mechanism, machines
+from allocator.mechanism.bodies import BODIES
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.mechanism.routes.mjcf import Source
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.model.arm import formulas, ranges, tangents
-from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from allocator import Gas, InvalidFile, save_machine
 from allocator.mechanism import machines
+from allocator.mechanism.bodies import BODIES
 from allocator.presentation import progress
 from mpc.cli import app
-from mpc.model.arm.bodies import BODIES
 from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import Compensation

@@ -15,7 +15,7 @@ j ≥ i of those of φ_j, times σ_i, because q_i turns all links from its own o
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -136,7 +136,7 @@ class Bodies:
         """Return g(q) (…, n) [N·m], the slope of the potential, which the muscles have to balance."""
         (x, y), s = self.gravity, self._moments.tolist()
         if x == y == 0 and not is_symbol(q):  # a horizontal plane, where most studies are
-            return 0.0 * np.asarray(q, float)
+            return np.zeros_like(np.asarray(q, float))
         of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
         return _vector(self._carried(of_links), q)
 
@@ -270,37 +270,3 @@ def leg37_bodies() -> Bodies:
 
 BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies, "leg37": leg37_bodies}
 """The bodies of the ready-made machines, which all move in a plane, by the name of the machine."""
-
-
-class MovingBodies(Protocol):
-    """Interface of an arm's bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
-
-    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) for bodies with formulas.
-    """
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-
-    @property
-    def damping(self) -> ArrayLike:
-        """Damping of the hinges (n,) [N·m·s/rad]."""
-
-    @property
-    def summary(self) -> str:
-        """Short description."""
-
-    def mass_matrix(self, q: Value) -> Value:
-        """Return M(q) (…, n, n) [kg·m²]."""
-
-    def bias(self, q: Value, omega: Value) -> Value:
-        """Return the torques (…, n) [N·m] of a motion without acceleration."""
-
-    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
-        """Return the torques (…, n) [N·m] of a motion."""
-
-    def gravity_torque(self, q: Value) -> Value:
-        """Return the torques (…, n) [N·m] that hold a posture."""
-
-    def gravity_stiffness(self, q: Value) -> Value:
-        """Return the slope (…, n, n) [N·m/rad] of these."""
