@@ -13,13 +13,14 @@ from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, t
 from allocator.shell.options import finite, grouped, row
 from allocator.shell.outputs import AsJSON, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
+from allocator.shell.weight import Balance, of_gravity, weight
 from allocator.units import BAR, DEG
 
 if TYPE_CHECKING:
     from allocator.allocation.at_least import AtLeast
     from allocator.allocation.box.result import BoxAllocation
     from allocator.allocation.two_muscles.result import PairAllocation
-    from allocator.files.text import FilePath
+    from allocator.calculus import Array
     from allocator.joint.antagonist import AntagonistJoint
     from allocator.joint.gas import Stiffness
     from allocator.mechanism.mechanism import Mechanism
@@ -45,8 +46,8 @@ def allocate_command(
     torque: Annotated[
         str,
         typer.Option(
-            help="torque target [N·m], beyond the gravity in [plant] of a joint's file; of several joints one number "
-            "per joint, with commas"
+            help="torque target [N·m], beyond the gravity of the machine's file or MuJoCo model; of several joints one "
+            "number per joint, with commas"
         ),
     ] = "0",
     at_least: Annotated[
@@ -79,7 +80,7 @@ def allocate_command(
         raise InvalidInput(
             f"--priority {priority}: choose torque or stiffness; allocate() in Python also takes weights"
         )
-    machine = options.build()
+    machine, balance = options.build(), weight(options)
     asked: dict[str, Any] = {
         "priority": priority,
         "method": Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
@@ -90,23 +91,25 @@ def allocate_command(
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
         hand.none()
         meant = stiffness_options.meant(options.file)
-        weight = _weight(options.file, theta)
-        one = _of_one(machine, theta, stiffness, torque, weight, meant, **asked)
+        one = _of_one(machine, theta, stiffness, torque, balance, meant, **asked)
         damping = stiffness_options.damping(options.file)
-        values, tables, success = _values_of_one(one, damping, weight), [_table(one, damping)], one.success
+        held, success = balance(one.theta), one.success
+        values, tables = _values_of_one(one, damping), [_table(one, damping)]
     else:
         if theta is not None:
             raise InvalidInput("--theta is of a joint; several joints have a --posture")
         meant = stiffness_options.meant(options.file, machine.muscle_names)
         located = hand.located(machine, options.machine)
-        several = _of_several(machine, hand, located, stiffness, torque, at_least, meant, **asked)
+        q = hand.angles(machine)
+        held = balance(q)
+        several = _of_several(machine, q, located, stiffness, torque, held, at_least, meant, **asked)
         values, tables, success = _values_of_several(several), _tables(several), several.success
     if as_json:
-        print_json(values)
+        print_json(values | {"gravity_Nm": held})
     else:
         console = Console()
         console.print(*tables, sep="\n")
-        say(console, _of_gravity(values), _of_hand(values), values["message"])
+        say(console, of_gravity(held), _of_hand(values), values["message"])
     if not success:
         raise typer.Exit(_NOT_MET)
 
@@ -119,7 +122,7 @@ def _of_one(
     theta: float,
     stiffness: str,
     torque: str,
-    weight: float,
+    balance: "Balance",
     meant: "Stiffness",
     **asked: Any,
 ) -> "PairAllocation":
@@ -129,20 +132,7 @@ def _of_one(
     if abs(theta) > 360:
         raise InvalidInput(f"theta = {theta:g}° is over a turn")
     K, T = _one("--stiffness", stiffness, "N·m/rad"), _one("--torque", torque, "N·m")
-    return allocate(theta * DEG, K, T + weight, joint=joint, stiffness=meant, **asked)
-
-
-def _weight(path: "FilePath | None", theta: float) -> float:
-    """Return the torque [N·m] of the gravity in [plant] of a joint's file at `theta` [degrees]; 0 without one."""
-    from allocator.files.toml import Table
-    from allocator.joint.gravity import Gravity
-
-    return 0.0 if path is None else float(Gravity.of_file(Table.read(path)).moment(theta * DEG))
-
-
-def _of_gravity(values: dict[str, Any]) -> str:
-    weight = values.get("gravity_Nm")
-    return f"{weight:.3g} N·m of the torque hold the link against its gravity" if weight else ""
+    return allocate(theta * DEG, K, T + float(balance(theta * DEG)), joint=joint, stiffness=meant, **asked)
 
 
 def _one(option: str, text: str, unit: str) -> float:
@@ -153,8 +143,8 @@ def _one(option: str, text: str, unit: str) -> float:
         raise InvalidInput(f"{option} {text}: expected one number [{unit}]") from None
 
 
-def _values_of_one(a: "PairAllocation", damping: float, weight: float) -> dict[str, Any]:
-    """Return the values that `--json` prints; `damping` [N·m·s/rad] and `weight` [N·m] are the plant's."""
+def _values_of_one(a: "PairAllocation", damping: float) -> dict[str, Any]:
+    """Return the values that `--json` prints; `damping` [N·m·s/rad] is the plant's."""
     return a.to_dict() | {
         "limits": a.active,
         "stiffness": a.stiffness_name,
@@ -170,7 +160,6 @@ def _values_of_one(a: "PairAllocation", damping: float, weight: float) -> dict[s
         "slack_assumed": a.joint.slack_assumed,
         "assumed": a.assumed,
         "message": a.message,
-        "gravity_Nm": weight,
     }
 
 
@@ -228,15 +217,16 @@ def _table(a: "PairAllocation", damping: float) -> "Table":
 
 def _of_several(
     mechanism: "Mechanism",
-    options: HandOptions,
+    q: "Array",
     hand: Hand | None,
     stiffness: str,
     torque: str,
+    held: "Array",
     at_least: bool,
     meant: "Stiffness",
     **asked: Any,
 ) -> "BoxAllocation | AtLeast":
-    """Return the answer for several joints.
+    """Return the answer for several joints at the posture `q` (n,) [rad], with `held` (n,) [N·m] against gravity.
 
     Numbers come as text, joint by joint with commas: `torque` [N·m], one number for all joints or n of them, and
     `stiffness` [N·m/rad], or of a hand [N/m], one number, a diagonal (n) or the matrix's upper triangle, row by row.
@@ -244,8 +234,7 @@ def _of_several(
     from allocator.allocation import allocate
     from allocator.allocation.at_least import allocate_at_least
 
-    q = options.angles(mechanism)
-    T, n = torques(torque, mechanism), mechanism.n if hand is None else hand.endpoint.dim
+    T, n = torques(torque, mechanism) + held, mechanism.n if hand is None else hand.endpoint.dim
     counts = {1: "one for all", n: "one each", n * (n + 1) // 2: "the upper triangle of the matrix, row by row"}
     K = _stiffness(row("--stiffness", stiffness, "N·m/rad" if hand is None else "N/m", counts), n)
     if hand is not None:

@@ -33,7 +33,7 @@ corner = 0.04                  # [Hz] below which slow motions are isothermal; o
 encoder_zero_deg = 0.3         # reading at 0 of the joint; loops on a device and fits subtract it
 encoder_zero_std_deg = 0.0     # of its fit; 0: it was given, and fits hold it
 
-[plant], [bodies], [regulators]  # motion, see `mpc.model.storage` and `mpc.model.arm.bodies`; not read by `load`
+[plant], [bodies], [regulators]  # motion, see `mpc.model.storage` and `allocator.mechanism.bodies`; not read by `load`
 [intervals], [tuning]            # see `mpc.identification.plant` and `mpc.trials.tuned`; not read by `load`
 [[measured]]                     # history of its strengths, see `mpc.bench.measuring.update`; not read by `load`
 

@@ -9,7 +9,9 @@ import numpy as np
 import typer
 
 from allocator.errors import InvalidInput
+from allocator.files.toml import Table
 from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.limits import Limits
 from allocator.lazy import Figure
 from allocator.presentation.plotting import save_figure
@@ -17,6 +19,7 @@ from allocator.shell.machine_options import Hand, HandOptions, MachineOptions, t
 from allocator.shell.options import grouped, numbers, within
 from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say
 from allocator.shell.stiffness_options import StiffnessOptions
+from allocator.shell.weight import Balance, of_gravity, weight
 from allocator.units import DEG
 
 if TYPE_CHECKING:
@@ -44,8 +47,8 @@ def map_command(
     torque: Annotated[
         str | None,
         typer.Option(
-            help="torques, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0 by default, or all if angle or stiffness is a "
-            "number. Of several joints numbers with commas, or free"
+            help="torques beyond the gravity of the machine's file or MuJoCo model, LOW:HIGH or LOW:HIGH:STEP [N·m]; 0 "
+            "by default, or all if angle or stiffness is a number. Of several joints numbers with commas, or free"
         ),
     ] = None,
     targets: Annotated[
@@ -84,9 +87,8 @@ def map_command(
             raise InvalidInput("--pressures, --valves, --frequency and --amplitude are for one joint")
         machine: Any = options.build()
         check_ending("--out", out, IMAGES)
-        figure, sentence, values = _drawn(
-            machine, hand, hand.located(machine, options.machine), targets, torque, min_force
-        )
+        located = hand.located(machine, options.machine)
+        figure, sentence, values = _drawn(machine, hand, located, targets, torque, weight(options), min_force)
         save_figure(figure, out)
     else:
         hand.none()
@@ -96,6 +98,7 @@ def map_command(
             )
         asked = _axes(theta, stiffness, torque) | {"max_bytes": max_memory * 1e9, "progress": _progress}
         asked |= {"stiffness": stiffness_options.meant(options.file), "limits": Limits(min_force)}
+        asked["gravity"] = NO_GRAVITY if options.file is None else Gravity.of_file(Table.read(options.file))
         maps = {name: feasibility_map(joint=joint, **asked) for name, joint in options.compared(base).items()}
         _write(maps, out, pressures)
         sentence = "\n".join(_sentence(name, found) for name, found in maps.items())
@@ -154,7 +157,9 @@ def _sentence(name: str, found: "FeasibilityMap") -> str:
         return f"{name}: none of {found.status.size} combinations exists, {found.kind.text}; take other ranges"
     return (
         f"{name}: {100 * found.share:.1f} % of {found.status.size} combinations exist, {found.kind.text}\n"
-        f"  bounded by: {', '.join(_ended_by(found))}" + (found.assumed and f"\n  {found.assumed}")
+        f"  bounded by: {', '.join(_ended_by(found))}"
+        + (found.assumed and f"\n  {found.assumed}")
+        + (f"\n  the muscles also balance gravity, {gravity}" if (gravity := found.setting.gravity).torque else "")
     )
 
 
@@ -199,6 +204,7 @@ def _drawn(
     hand: Hand | None,
     targets: str | None,
     torque: str | None,
+    balance: Balance,
     min_force: float,
 ) -> tuple["Figure", str, dict[str, object]]:
     """Return the figure of a mechanism's feasible targets, a sentence on it, and the output of `--json`.
@@ -211,21 +217,23 @@ def _drawn(
     if options.posture is None and hand is None:
         raise InvalidInput("give a --posture [degrees] to draw its targets, or --links or --hand to draw a workspace")
     if options.posture is None and hand is not None and targets is None:
-        return _workspace(mechanism, hand, torque, min_force)
+        return _workspace(mechanism, hand, torque, balance, min_force)
     meant = ISOBARIC if hand is None else Stiffness(endpoint=hand.endpoint, force=hand.force)
     found = feasible_targets(mechanism, options.angles(mechanism), limits=Limits(min_force), stiffness=meant)
     x, y = _pair(targets, mechanism.n, hand)
-    held = {} if torque == "free" else {f"T{i + 1}": float(T) for i, T in enumerate(torques(torque or "0", mechanism))}
-    if hand is not None and held:
-        pull = hand.endpoint.torque(found.q, hand.force)
-        held = {name: T + float(pull[i]) for i, (name, T) in enumerate(held.items())}
-    held = {name: T for name, T in held.items() if name not in (x, y)}
+    weighs = balance(found.q)
+    T = torques("0" if torque in (None, "free") else str(torque), mechanism) + weighs
+    if hand is not None:
+        T = T + hand.endpoint.torque(found.q, hand.force)
+    every = {} if torque == "free" else {f"T{i + 1}": float(one) for i, one in enumerate(T)}
+    held = {name: one for name, one in every.items() if name not in (x, y)}
     polygon = found.polygon(x, y, held)
     binding = list(dict.fromkeys(limit for edge in polygon.edges for limit in edge.active))
     kept = f" at {polygon.held}" if polygon.held else ""
     sentence = (
         f"{x} and {y}{kept}: {len(polygon.vertices)} corners; bounded by: {', '.join(binding) or 'nothing exists'}"
     )
+    sentence = "\n".join(filter(None, (sentence, of_gravity(weighs))))
     edges = [{"start": edge.start, "end": edge.end, "limits": edge.active} for edge in polygon.edges]
     return polygon.plot().figure, sentence, {"targets": [x, y], "held": held, "area": polygon.area, "edges": edges}
 
@@ -241,14 +249,14 @@ def _pair(targets: str | None, n: int, hand: Hand | None) -> tuple[str, str]:
 
 
 def _workspace(
-    mechanism: "Mechanism", hand: Hand, torque: str | None, min_force: float
+    mechanism: "Mechanism", hand: Hand, torque: str | None, balance: Balance, min_force: float
 ) -> tuple["Figure", str, dict[str, object]]:
     from allocator.feasibility.targets import endpoint_ellipses
 
     if torque == "free":
         raise InvalidInput("the ellipses of a workspace are those of held torques; --torque free goes with --posture")
-    T = torques(torque or "0", mechanism)
     q = _postures(mechanism, hand)
+    T = torques(torque or "0", mechanism) + balance(q)
     found = endpoint_ellipses(mechanism, hand.endpoint, q, T, force=hand.force, limits=Limits(min_force))
     turns = np.degrees(found.tilt[..., 1] - found.tilt[..., 0])[found.exists]
     sentence = f"{len(q)} postures, torques exist at {int(found.exists.sum())}"

@@ -91,7 +91,7 @@ def edges_at_angle(setting: Setting, theta: float) -> tuple[Edge, ...]:
         return _column_ends(setting.columns(np.full(T.shape, theta), T))
 
     T_min, T_max = (float(T[0]) for T in torque_interval(problem.sides, problem.box))
-    torques = np.linspace(T_min, T_max, _POINTS)
+    torques = np.linspace(T_min, T_max, _POINTS) - setting.gravity.moment(theta)
     return tuple(edge for end in (0, 1) for edge in _chain(setting, ends, end, torques))
 
 
@@ -151,7 +151,7 @@ def _chain(setting: Setting, ends: Ends, end: int, x: Array) -> list[Edge]:
         if len(part) > 1:
             widest = int(np.argmax(np.diff(part)))  # a change is within rounding of both limits
             limits = int(flags(part[widest : widest + 2].mean(keepdims=True))[0])
-            edges.append(_edge(limits, ends(part)[end]))
+            edges.append(_edge(setting, limits, ends(part)[end]))
     return edges
 
 
@@ -171,12 +171,13 @@ def _wall(setting: Setting, ends: Ends, theta: float) -> Edge | None:
     if theta not in range_ends:
         return None
     limits = int(setting.joint.angle_limit(theta == range_ends[1]))
-    low, high = (_edge(limits, end) for end in ends(np.array([theta])))
+    low, high = (_edge(setting, limits, end) for end in ends(np.array([theta])))
     angles, K, T, P1, P2 = (np.append(getattr(low, name), getattr(high, name)) for name in _COLUMNS)
     return Edge(limits, angles, K, T, P1, P2)
 
 
-def _edge(limits: int, end: End) -> Edge:
+def _edge(setting: Setting, limits: int, end: End) -> Edge:
     """Return the edge through these pressures."""
     problem, pair = end
-    return Edge(limits, problem.theta, problem.stiffness(*pair), torque(problem.sides, pair), *pair)
+    T = torque(problem.sides, pair) - setting.gravity.moment(problem.theta)
+    return Edge(limits, problem.theta, problem.stiffness(*pair), T, *pair)

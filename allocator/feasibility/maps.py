@@ -14,6 +14,7 @@ from allocator.feasibility.result import FeasibilityMap
 from allocator.feasibility.setting import Setting
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import ISOBARIC, Stiffness
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.limits import TAUT, Limits
 from allocator.joint.torque_levels import torque_interval
 
@@ -37,6 +38,7 @@ def feasibility_map(
     joint: AntagonistJoint | None = None,
     limits: Limits = TAUT,
     stiffness: Stiffness = ISOBARIC,
+    gravity: Gravity = NO_GRAVITY,
     max_bytes: float = 1e9,
     progress: Progress = iter,
 ) -> FeasibilityMap:
@@ -49,6 +51,8 @@ def feasibility_map(
         third a number. None: 201 angles over the joint range, 201 torques or stiffnesses around the feasible ones.
     joint, limits, stiffness
         As in `allocator.allocate`, without a slew limit and a tolerance.
+    gravity
+        Gravity of the link, which the muscles balance besides the torques T.
     max_bytes
         A map that would need more memory [bytes] than this is refused.
     progress
@@ -64,7 +68,7 @@ def feasibility_map(
     InvalidInput
         For an empty or falling range, fewer than two arrays, more memory than allowed, and whatever `allocate` refuses.
     """
-    setting = Setting.of(joint, limits, stiffness)
+    setting = Setting.of(joint, limits, stiffness, gravity)
     theta_axis = _angles(setting, theta)
     T_axis = default_torques(setting, theta_axis) if T is None else map_axis("T", T, checks.real("T", T, "N·m"))
     if K is None:
@@ -108,7 +112,8 @@ def _cells(setting: Setting, theta: Array, K: Array, T: Array, progress: Progres
         if start == 0 and not closed:  # so that progress is visible
             search.prepare(int(np.prod(shape)) * len(setting.states))
         part = slice(start, start + step)
-        a = allocate(theta[part, None, None], K[:, None], T, **asked)
+        at = theta[part, None, None]
+        a = allocate(at, K[:, None], T + setting.gravity.moment(at), **asked)
         answers = a.status, a.limits, a.P1, a.P2, *((2 * a.valves[0] + a.valves[1],) if free else ())
         for target, array in zip(out, answers, strict=True):
             target[part] = array
@@ -131,8 +136,9 @@ def map_axis(name: str, asked: object, values: Array) -> Array:
 
 def default_torques(setting: Setting, theta: Array) -> Array:
     """Return torques [N·m] from slightly below to slightly above the feasible ones at these angles."""
-    problem, _ = setting.problem(_few(theta))
-    T_min, T_max = torque_interval(problem.sides, problem.box)
+    few = _few(theta)
+    problem, _ = setting.problem(few)
+    T_min, T_max = (end - setting.gravity.moment(few) for end in torque_interval(problem.sides, problem.box))
     return _around(T_min[~problem.box.empty], T_max[~problem.box.empty])
 
 

@@ -21,6 +21,7 @@ from allocator.calculus import Array, Mask, Value, increasing_root
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint, joint_or_report
 from allocator.joint.gas import HELD, ISOBARIC, Stiffness, StiffnessKind, of_a_joint
+from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.limits import TAUT, Limits, checked_limits
 from allocator.joint.torque_levels import Pair, torque_interval
 
@@ -51,14 +52,24 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True)
 class Setting:
-    """Joint and the requested limits beyond its supply and its angles, without a slew limit."""
+    """Joint and the requested limits beyond its supply and its angles, without a slew limit.
+
+    Torques T are those beyond `gravity`, which the muscles balance as well.
+    """
 
     joint: AntagonistJoint
     limits: Limits = TAUT
     kind: StiffnessKind = HELD  # kind of stiffness
+    gravity: Gravity = NO_GRAVITY
 
     @classmethod
-    def of(cls, joint: AntagonistJoint | None, limits: Limits = TAUT, stiffness: Stiffness = ISOBARIC) -> Self:
+    def of(
+        cls,
+        joint: AntagonistJoint | None,
+        limits: Limits = TAUT,
+        stiffness: Stiffness = ISOBARIC,
+        gravity: Gravity = NO_GRAVITY,
+    ) -> Self:
         """Return the setting of these arguments of `allocate`, by default with the report's joint.
 
         Raises `InvalidInput` for a slew limit, a tolerance or an endpoint, which maps do not support.
@@ -69,7 +80,8 @@ class Setting:
             raise InvalidInput("a slew limit belongs to one target; maps and intervals have none")
         if checks.not_negative("tolerance", stiffness.tolerance, "N·m/rad"):
             raise InvalidInput("a tolerance is for `allocate`; maps and intervals are of a joint's K")
-        return cls(joint, limits, kind)
+        checks.instance("gravity", gravity, Gravity, "a Gravity")
+        return cls(joint, limits, kind, gravity)
 
     @property
     def states(self) -> "tuple[Setting, ...]":
@@ -83,6 +95,7 @@ class Setting:
         """
         kind = self.states[0].kind
         felt = kind.secant(self.joint.loop) if kind.amplitude is not None else None
+        T = T + self.gravity.moment(theta) if self.gravity.torque else T
         return problem_from(self.joint, theta, K, T, limits=self.limits, shares=kind.fixed, felt=felt)
 
     def columns(self, theta: Value, T: Value) -> Columns:

@@ -93,5 +93,5 @@ def described(stop: Stop) -> str:
     """Return a sentence about a stop."""
     return (
         f"{stop.there.mean():.0%} of the angles are the {stop.end} one, {stop.angle / DEG:.3g}°, whatever the "
-        "pressures: the fit knows no stops; leave such rows out, or stay between the stops"
+        "pressures: taken for an end stop, and left out of the fit; stay between the stops"
     )

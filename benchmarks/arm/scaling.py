@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator.mechanism import Mechanism, Pulleys
+from allocator.mechanism.bodies import Bodies
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import DEG
 from benchmarks.arm.nominal import Times, times
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.tracking.controller import TrackingMPC
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from allocator import Limits, report_joint
 from allocator.mechanism import Mechanism
+from allocator.mechanism.bodies import Bodies
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.governor import GovernorStatus, Interval, PressureGovernor
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 
 DT, SLEW = 0.01, 20 * BAR

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 from allocator.faces import face
 
 if TYPE_CHECKING:
+    from allocator.mechanism.bodies import Bodies as Bodies
+    from allocator.mechanism.bodies import arm26_bodies as arm26_bodies
     from mpc.arm.mjcf import to_mjcf as to_mjcf
     from mpc.arm.mujoco_plant import MujocoPlant as MujocoPlant
     from mpc.arm.picture import Camera as Camera
     from mpc.arm.rig import Readings as Readings
-    from mpc.model.arm.bodies import Bodies as Bodies
-    from mpc.model.arm.bodies import arm26_bodies as arm26_bodies
     from mpc.model.arm.model import Arm as Arm
     from mpc.model.arm.pneumatics import Pneumatics as Pneumatics
     from mpc.model.arm.reading import read_arm as read_arm

@@ -12,13 +12,13 @@ import numpy as np
 
 from allocator.calculus import Array
 from allocator.errors import MissingBackend
+from allocator.mechanism.bodies import Bodies
 from allocator.mechanism.endpoint.endpoint import Endpoint, LinkagePoint, stiffness_of
 from allocator.presentation.plotting import new_figure
 from allocator.presentation.progress import counted
 from allocator.units import BAR
 from mpc.arm.mujoco_plant import Kept, MujocoPlant
 from mpc.arm.picture import Camera
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.trials.pictures.animation import Picture, drawn, save_film
 from mpc.trials.pictures.plotting import COLOURS

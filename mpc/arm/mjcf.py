@@ -22,10 +22,10 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism
+from allocator.mechanism.bodies import Bodies
 from allocator.mechanism.routes import Pulleys, Sites
 from allocator.mechanism.routes.linkage import GROUND, Link
 from allocator.mechanism.routes.mjcf import MARK, Source
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 
 DRAWN = "drawn"

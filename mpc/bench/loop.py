@@ -35,12 +35,12 @@ from mpc.model.experiment import check_stiffness
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer, check_observer
-from mpc.observer.health import WELL, FaultKind, Health, Reaction
+from mpc.observer.gating import ROUNDING
+from mpc.observer.health import WELL, FaultKind, Health, Part, Reaction
 from mpc.trials.motions.reference import LONGEST, Reference
 from mpc.trials.simulation import Controller, check_parts
 
 _FURTHEST = 0.8  # samples: with more, the estimated velocity amplifies its own error through the angle
-_ROUNDING = 1e-9  # [rad] a lesser change of an angle is none
 _COARSEST = 1e3  # [rad] step of an encoder that is not known yet
 _BLIND = 0.1  # missed samples [s] in a second, which the observer takes for silent sensors
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
@@ -142,30 +142,37 @@ class Tracking:
 
     def _learn_steps(self, changes: Array) -> None:
         """Update the steps of the encoders (n,) [rad], the least changes of readings so far."""
-        self._steps = np.where((changes > _ROUNDING) & (changes < self._steps), changes, self._steps)
+        self._steps = np.where((changes > ROUNDING) & (changes < self._steps), changes, self._steps)
 
     def _on_grid(self, said: Array) -> Array:
         """Return readings whose angles differ from the last ones by more than rounding, or not at all."""
         angles = said[: self._n]
-        angles[:] = self._angles = np.where(np.abs(angles - self._angles) <= _ROUNDING, self._angles, angles)
+        angles[:] = self._angles = np.where(np.abs(angles - self._angles) <= ROUNDING, self._angles, angles)
         return said
 
     def _check_health(self, tick: Tick) -> None:
         """Raise `Stopped` if health has requested a hold or a vent for too long, or if the supply is lost."""
         lost = self._lost(tick)
         least = self._watchdog.reaction
-        if least is None or (self.health.reaction < least and not self._starved(tick)):
+        starved = self._starved(tick)
+        if least is None or (self.health.reaction < least and not starved):
             self._unwell = 0
             return
         self._unwell += 1 + tick.missed
         if self._unwell * self.dt > self._watchdog.lasting:
             if lost * self.dt >= _BLIND and all(s.fault is FaultKind.SILENT_SENSOR for s in self.health.suspects):
                 raise Stopped(Reason.LATE, f"{lost} of the last second; controller or device take too long")
+            if starved:  # a ramp from the commands would fill the muscles when the supply returns
+                raise Stopped(Reason.UNHEALTHY, f"the supply is lost: {self.health}", Action.VENT)
             raise Stopped(Reason.UNHEALTHY, str(self.health), _ACTIONS.get(self.health.reaction))
 
     def _starved(self, tick: Tick) -> bool:
-        """Return whether a lost supply leaves less than half of the commands: on its return the muscles would jump."""
-        low = any(suspect.fault is FaultKind.SUPPLY_DROP for suspect in self.health.suspects)
+        """Return whether a lost supply leaves less than half of the commands: on its return the muscles would jump.
+
+        The health names it, or rejects two pressures at once, as of a supply that collapses.
+        """
+        faults = [s.fault for s in self.health.suspects if not s.part.startswith(Part.ANGLE)]
+        low = FaultKind.SUPPLY_DROP in faults or faults.count(FaultKind.REJECTED_SENSOR) > 1
         return low and sum(tick.reading.P) < sum(tick.sent) / 2
 
     def _lost(self, tick: Tick) -> int:

@@ -31,7 +31,8 @@ def explore(
     """Open a page in the browser with sliders for angle, stiffness, torque and the joint's dimensions.
 
     The page shows the feasible stiffnesses, the joint with its two muscles, their pressures, and the binding limit. It
-    is served on this machine only and needs no internet. End it with Ctrl-C. With --save, a file holds the page.
+    is served on this machine only and needs no internet. End it with Ctrl-C. With --save, a file holds the page. The
+    torque is that of the muscles: add what balances gravity, which `allocate` prints.
     """
     import webbrowser
     from contextlib import suppress

@@ -159,12 +159,26 @@ def _describe_plant(fit: MotionFit, plant: "IdentifiedPlant", console: Console) 
     if plant.assumed:
         told = " (set it with --slew of later commands, or in [plant])" if "slew" in plant.assumed else ""
         say(console, f"assumed, since this log does not show it: {' and '.join(plant.assumed)} of the plant{told}")
+    if widened := _widened(fit):
+        say(console, f"beware: the log goes beyond the limits of --machine; the plant's file widens {widened}")
     if plant.errors.every > _WORSE * fit.error.every:
         say(
             console,
             f"beware: the plant's file errs by {plant.errors.every / DEG:.2g}° over the log, the fit by only "
             f"{fit.error.every / DEG:.2g}°: its muscles cannot hold all angles of the log; measure rests near the ends",
         )
+
+
+def _widened(fit: MotionFit) -> str:
+    """Return the limits of the given joint that the plant's file widens to those of the log, in words."""
+    given, made, words = fit.given, fit.moving.joint, []
+    if given is not None and given.angle_limits != made.angle_limits:
+        stops, wider = (" to ".join(f"{end / DEG:.3g}°" for end in one.angle_range) for one in (given, made))
+        words.append(f"the range of {stops} to {wider}")
+    if given is not None and given.pressure_limits != made.pressure_limits:
+        supply, more = (one.pressure_limits[1] / BAR for one in (given, made))
+        words.append(f"the supply of {supply:.3g} bar to {more:.3g} bar")
+    return " and ".join(words)
 
 
 def _describe_drift(fit: MotionFit, console: Console) -> None:

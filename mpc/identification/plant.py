@@ -310,6 +310,7 @@ class _Written:
             "rows": fit.log.n,
             **figures,
             "encoder_zero_deg": self.moving.zero / DEG,
+            **({"encoder_zero_std_deg": 0.0} if fit.hold_zero else {}),
             "pressures": COMMANDED if self._commanded else IMPOSED,
             "unseen": "; ".join(fit.unseen),
             "assumed": ", ".join(self.taken),

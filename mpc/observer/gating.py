@@ -45,6 +45,7 @@ _MARGIN, _NO_STOPS = 10 * DEG, 90 * DEG  # of the joint range, with end stops an
 _BELOW, _ABOVE, _JUMP = 0.06, 0.1, 0.1  # [-] of the supply range: margins of pressures, and their jump
 _LEAST = 1 * DEG  # jump of the angle
 _NEAR = 0.04  # [-] of the supply range: floor of pressures; such a reading moves P̂ by a tenth of that
+ROUNDING = 1e-9  # [rad] a lesser change of an angle is no step of an encoder, but rounding in its unit
 ROUGH = 8.0  # [standard deviations] of the noise: floor, more than two steps of an encoder
 
 

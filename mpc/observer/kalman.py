@@ -32,7 +32,7 @@ from mpc.observer.compiled.factory import Readable, compiled_estimate
 from mpc.observer.compiled.layout import State, Tail
 from mpc.observer.diagnosis import Diagnosis
 from mpc.observer.filter import Belief, Filter, Noise, settings
-from mpc.observer.gating import DOUBT, ROUGH, Gate, SensorGate, Verdict
+from mpc.observer.gating import DOUBT, ROUGH, ROUNDING, Gate, SensorGate, Verdict
 from mpc.observer.health import Health
 from mpc.observer.rivalry import Readings, Rivalry
 
@@ -203,7 +203,7 @@ class KalmanObserver:
     def _learn_steps(self, changes: list[float]) -> None:
         """Update the steps of encoders, the least of the `changes` [rad] so far: readings change by whole steps."""
         for i, change in enumerate(changes):
-            if 0 < change < self._step[i]:
+            if ROUNDING < change < self._step[i]:
                 self._step[i] = change
                 rough = max(self.noise.theta, change / sqrt(12))
                 self._variances[i], self._gates[i].floor = rough**2, max(self.gate.floor[i], ROUGH * rough)

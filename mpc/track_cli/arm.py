@@ -10,44 +10,48 @@ from typing import Any
 
 import numpy as np
 
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
+from allocator.mechanism.bodies import Bodies
 from allocator.presentation.progress import waiting
 from allocator.shell.options import within
-from allocator.units import BAR, DEG
+from allocator.units import BAR, DEG, PERCENT
 from mpc.arm.experiments import arriving
 from mpc.arm.film import SIZES, Film
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.options import Described, asked_of_arm, described, owner_of_arm, refuse_options_of_one_joint
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
+from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.observer.base import Observer
 from mpc.plant_cli import PlantOptions
 from mpc.repetition.response import Response, doubted, postures, response
-from mpc.track_cli.options import MPC, NOMINAL, REAL, Request
-from mpc.track_cli.trial import Trial
+from mpc.track_cli.options import MPC, NOMINAL, OTHER, PLANTS, Request
+from mpc.track_cli.trial import Tested, Trial
 from mpc.trials.files import check_recordable
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.reference import Reference
+from mpc.trials.other_plant import LONGER_LAG, refitted
 from mpc.trials.simulation import Controller, Run, in_motion
 
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
 _OFF = 0.05  # [-] error of the muscles' forces, on a real plant
+_HYSTERESIS, _KNOWN = 5 * DEG, 0.75  # of a joint on a plant of another structure, and the known share of it
+_POSTURES = 100  # at which muscles' contractions are computed
 
 
 def arm_trial(request: Request, opened: ExitStack) -> Trial:
     """Return the trial of an arm that a command line asks for; `opened` closes its window. Raises `InvalidInput`."""
-    machine, at, kind = request.machine, request.loop, request.trial.plant or NOMINAL
-    _check(request, kind)
+    machine, at, kind = request.machine, request.loop, request.trial.plant
+    _check(request)
     given = described(machine, request.arm)
-    arm, tested = given.arm, _tested(given, machine, kind, request.trial.seed)
+    arm, (tested, told, unknown) = given.arm, _tested(given, machine, kind, request.trial.seed)
     check_recordable(request.files, arm)
     asked = request.repeated.reference(request.trajectory, lambda: asked_of_arm(request.trajectory, arm, given.hand))
     catch = _caught(request, tested, arm, asked.duration / 2)
     settings = Settings(arm, at.dt, at.horizon, wait=request.trial.wait)
-    if kind == REAL:
-        settings = settings._replace(compensation=_known(machine)).calm
+    if kind != NOMINAL:
+        settings = settings._replace(compensation=told).calm
     settings, tuned = machine.tuned(settings, MPC)
     with waiting("building the controller"):
         controller, observer = loop(MPC, settings)
@@ -56,7 +60,7 @@ def arm_trial(request: Request, opened: ExitStack) -> Trial:
     return Trial(
         MPC, settings, tested, controller, observer, asked,
         owner_of_arm(machine, request.arm, arm, request.load),
-        lambda: _responses(_tested(given, machine, NOMINAL, 0), settings, controller, observer, asked),
+        lambda: _responses(_tested(given, machine, NOMINAL, 0).plant, settings, controller, observer, asked),
         about=[
             f"arm: {arm.summary}",
             *given.notes,
@@ -65,17 +69,17 @@ def arm_trial(request: Request, opened: ExitStack) -> Trial:
         ],
         load=request.trial.load(asked, arm.n),
         x0=in_motion(arm, asked),
-        remarks=lambda run: [tuned],
-        with_margins=kind == REAL,
-        title=f"mpc, {arm.summary}",
+        remarks=lambda run: [f"not known to the controller: {unknown}" if unknown else "", tuned],
+        with_margins=kind != NOMINAL,
+        title=f"mpc with a model of {arm.n} joints and {arm.m} muscles, {PLANTS[kind]}",
         hand=given.hand,
         watches=[*catch, *([] if film is None else [film.watch]), *window],
         film=None if film is None else partial(_film, film),
     )  # fmt: skip
 
 
-def _check(request: Request, kind: str) -> None:
-    """Refuse options of one joint, and a plant that there is not."""
+def _check(request: Request) -> None:
+    """Refuse options of one joint."""
     trial = request.trial
     refuse_options_of_one_joint(
         stiffness=request.loop.stiffness,
@@ -85,20 +89,42 @@ def _check(request: Request, kind: str) -> None:
         amplitude=trial.amplitude,
     )
     within("--dt", request.loop.dt, "s", 1e-4, 0.5)
-    if kind not in (NOMINAL, REAL):
-        raise MissingBackend("plant", kind, [NOMINAL, REAL])
 
 
-def _tested(given: Described, machine: PlantOptions, kind: str, seed: int) -> MujocoPlant:
-    """Return the plant under test of an arm."""
-    arm, effects = given.arm, dict[str, Any](gas=given.arm.gas)
-    if kind == REAL:
-        known = _known(machine)
-        effects |= {"dead_time": known.dead_time, "dead_band": known.dead_band}
-        effects |= {} if machine.is_mujoco else {"friction": known.of_joints(arm.n)}  # a MuJoCo model has its own
-        signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
-        effects |= {"force_gains": 1 + _OFF * signs, **_SENSORS}
-    return MujocoPlant.of(arm, None if given.read is None else given.read.model, **effects)
+def _tested(given: Described, machine: PlantOptions, kind: str, seed: int) -> Tested[MujocoPlant]:
+    """Return the plant under test of an arm. It has the friction and the regulators of the file, which are known."""
+    arm, source = given.arm, None if given.read is None else given.read.model
+    if kind == NOMINAL:
+        return Tested(MujocoPlant.of(arm, source, gas=arm.gas), Compensation())
+    told = known = _known(machine)
+    driven, unknown, rubbing = arm, "", known.of_joints(arm.n)
+    if kind == OTHER:
+        driven, unknown = _other(arm)
+        if not machine.is_mujoco and all(one.absent for one in rubbing):
+            rubbing, told = _slips(arm), replace(known, frictions=_slips(arm, _KNOWN))
+            unknown = f"{unknown}, a quarter of the friction"
+    effects: dict[str, Any] = {"dead_time": known.dead_time, "dead_band": known.dead_band, **_SENSORS}
+    effects |= {} if machine.is_mujoco else {"friction": rubbing}  # a MuJoCo model has its own
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
+    plant = MujocoPlant.of(driven, source, gas=arm.gas, nominal=arm, force_gains=1 + _OFF * signs, **effects)
+    return Tested(plant, told, unknown)
+
+
+def _other(arm: Arm) -> tuple[Arm, str]:
+    """Return the arm with muscles of another force law and longer lags, and a list of the differences."""
+    postures = np.random.default_rng(0).uniform(*arm.angle_limits, (_POSTURES, arm.n))
+    contractions = np.array([arm.mechanism.contractions(q) for q in postures])
+    fitted = refitted(arm.mechanism.muscles, contractions, arm.pressure_limits[1])
+    mechanism = arm.mechanism.with_muscles(fitted.muscles)
+    return replace(arm, mechanism=mechanism, lag=tuple(LONGER_LAG * arm.lags)), (
+        f"{fitted.unknown}, {_OFF / PERCENT:.2g} % stronger or weaker, lags 20 % longer, "
+        f"encoder steps of {_SENSORS['encoder'] / DEG:g}°, {_SENSORS['pressure_noise'] / BAR:g} bar of noise"
+    )
+
+
+def _slips(arm: Arm, share: float = 1.0) -> tuple[MaxwellSlip, ...]:
+    """Return a `share` of the usual hysteresis of every joint."""
+    return tuple(MaxwellSlip.of_width(arm, share * _HYSTERESIS, joint=i) for i in range(arm.n))
 
 
 def _responses(

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from allocator.errors import InvalidInput, MissingBackend
+from allocator.errors import InvalidInput
 from allocator.feasibility.intervals import torque_interval
 from allocator.presentation.progress import counted, waiting
 from allocator.units import DEG
@@ -17,8 +16,8 @@ from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.model.real import RealPlant
 from mpc.repetition.response import responses
-from mpc.track_cli.options import NOMINAL, OTHER, REAL, Request
-from mpc.track_cli.trial import Trial
+from mpc.track_cli.options import NOMINAL, PLANTS, REAL, Request
+from mpc.track_cli.trial import Tested, Trial
 from mpc.trials.files import reference_called
 from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.motions.corrections import Owner
@@ -26,11 +25,6 @@ from mpc.trials.other_plant import other_plant
 from mpc.trials.pictures.animation import save_animation
 from mpc.trials.simulation import Process, Run
 
-_PLANTS = {
-    OTHER: "driving a plant of another structure",
-    REAL: "driving the plant with the effects of a real one",
-    NOMINAL: "driving its own model",
-}
 _REAL_LAG = 0.12  # [s] default of a real plant
 _ANGLES = 61  # at which a joint's strength is computed
 _PUSH = 2.0  # [±°] whose felt stiffness is reported
@@ -39,7 +33,7 @@ _PUSH = 2.0  # [±°] whose felt stiffness is reported
 def joint_trial(request: Request) -> Trial:
     """Return the trial of a joint that a command line asks for. Raises `InvalidInput`."""
     machine, at, trial = request.machine, request.loop, request.trial
-    kind, name = trial.plant or OTHER, trial.controller
+    kind, name = trial.plant, trial.controller
     plant = machine.plant(**({"lag": _REAL_LAG} if kind == REAL else {}))
     asked = request.repeated.reference(
         request.trajectory, lambda: reference_called(request.trajectory, at.stiffness, plant)
@@ -56,7 +50,7 @@ def joint_trial(request: Request) -> Trial:
         if tested is not plant and not tuned:
             settings = robust(name, settings, asked)
         controller, estimator = loop(name, settings, observer)
-    title = f"{name} with a model of {_muscles(plant)}, {_PLANTS[kind]}"
+    title = f"{name} with a model of {_muscles(plant)}, {PLANTS[kind]}"
 
     def remarks(run: Run) -> Iterator[str]:
         yield f"not known to the controller: {unknown}" if unknown else ""
@@ -76,25 +70,15 @@ def joint_trial(request: Request) -> Trial:
     )  # fmt: skip
 
 
-class _Tested(NamedTuple):
-    """Plant under test, its controller's knowledge of friction and regulators, and a list of model errors."""
-
-    plant: Process
-    told: Compensation
-    unknown: str = ""
-
-
-def _tested(kind: str, model: Plant, known: Compensation, exact: bool) -> _Tested:
+def _tested(kind: str, model: Plant, known: Compensation, exact: bool) -> Tested[Process]:
     """Return the plant under test. It has the friction and the regulators of the file, which the controller knows.
 
     If `exact`, the nominal plant without such effects is the model itself.
     """
-    if kind not in _PLANTS:
-        raise MissingBackend("plant", kind, _PLANTS)
     if kind == NOMINAL:
-        return _Tested(model if exact and known == Compensation() else RealPlant.of(model, known), known)
+        return Tested(model if exact and known == Compensation() else RealPlant.of(model, known), known)
     real, unknown = (RealPlant.standard(nominal=model), "") if kind == REAL else other_plant(model)
-    return _Tested(replace(real, **known.told), replace(real.known(), **known.told), unknown)
+    return Tested(replace(real, **known.told), replace(real.known(), **known.told), unknown)
 
 
 def _check_payload(payload: float, plant: Plant) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 import typer
 
 from allocator import checks
+from allocator.errors import MissingBackend
 from allocator.shell.options import finite, within
 from mpc.arm.options import HandOptions
 from mpc.plant_cli import LoopOptions, PlantOptions
@@ -17,7 +18,12 @@ if TYPE_CHECKING:
     from mpc.trials.simulation import Load
 
 OTHER, REAL, NOMINAL = "other", "real", "nominal"
-"""Plants under test."""
+PLANTS = {
+    OTHER: "driving a plant of another structure",
+    REAL: "driving the plant with the effects of a real one",
+    NOMINAL: "driving its own model",
+}
+"""Plants under test, and the words for them in titles."""
 MPC = "mpc"
 
 
@@ -35,14 +41,14 @@ class TrialOptions:
         ),
     ] = None
     plant: Annotated[
-        str | None,
+        str,
         typer.Option(
-            help="plant to drive: other (the default), real or nominal; other: muscles of another force law and "
+            help="plant to drive: other, real or nominal; other: muscles of another force law and "
             "the effects of real. real: wrong muscle strengths, hysteresis, dead time, dead band, sensors "
-            "with steps and noise. nominal: the controller's model. For several joints nominal (the default), "
-            "or real: 5 % force error, noisy sensors, 20 ms dead time"
+            "with steps and noise. nominal: the controller's model. The real plant of several joints has only the "
+            "hysteresis of its file"
         ),
-    ] = None
+    ] = OTHER
     controller: Annotated[str, typer.Option(help="mpc, nmpc (slow), pid, pi, predictive-pid, lqr or feedforward")] = MPC
     observer: Annotated[
         bool | None,
@@ -71,6 +77,8 @@ class TrialOptions:
     ] = False
 
     def __post_init__(self) -> None:
+        if self.plant not in PLANTS:
+            raise MissingBackend("plant", self.plant, PLANTS)
         finite("--payload", self.payload, "N·m")
         within("--amplitude", self.amplitude, "°", 1e-3, 180)
         checks.count("--seed", self.seed, least=0)

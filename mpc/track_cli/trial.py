@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import typer
 
@@ -11,6 +11,7 @@ from allocator.calculus import Array
 from allocator.lazy import Console
 from allocator.mechanism.endpoint import Endpoint
 from allocator.shell.outputs import IMAGES, say
+from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer
 from mpc.repetition.options import RepeatOptions, progress, report
@@ -23,7 +24,16 @@ from mpc.trials.motions.reference import Reference
 from mpc.trials.pictures.report import limits_of_reference, plot_margins, table_of, write_run
 from mpc.trials.simulation import Controller, Load, Process, Run, simulate
 
+Driven = TypeVar("Driven", bound=Process)
 _DATA = ".csv", ".npz", ".mcap"
+
+
+class Tested(NamedTuple, Generic[Driven]):
+    """Plant under test, its controller's knowledge of friction and regulators, and a list of model errors."""
+
+    plant: Driven
+    told: Compensation
+    unknown: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,19 +1,19 @@
-"""Simulated joint with another force law of the muscles than the controller's model.
+"""Simulated machines with another force law of the muscles than the controller's model.
 
-A controller tracks its own model exactly, which is no evidence for a real joint. `other_plant` fits a force law of a
-different structure to the model's forces and adds the effects of `RealPlant.standard`: muscles 10 % stronger and
-weaker, hysteresis of 5°, dead time, dead band, a limited flow, an encoder and noise. Its pressures lag 20 % longer. The
-controller keeps its model, and has the dead time, the dead band and three quarters of the friction, as after an
-identification.
+A controller tracks its own model exactly, which is no evidence for a real machine. `refitted` fits a force law of a
+different structure to the model's forces. `other_plant` adds to such a joint the effects of `RealPlant.standard`:
+muscles 10 % stronger and weaker, hysteresis of 5°, dead time, dead band, a limited flow, an encoder and noise. Its
+pressures lag 20 % longer. The controller keeps its model, and has the dead time, the dead band and three quarters of
+the friction, as after an identification.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from allocator.calculus import Array
-from allocator.joint.antagonist import AntagonistJoint
 from allocator.muscles import Muscle, Sarosi2012, Wickramatunge2010
 from allocator.units import BAR, DEG, PERCENT
 from mpc.model.plant import Plant
@@ -25,7 +25,7 @@ STIFFNESS_BAND = 0.17
 Each muscle's strength is known to 8 % (1 σ), and force laws that fit the same forces differ by 13 % at most
 (`benchmarks/results/model_stiffness.md`).
 """
-_LONGER_LAG = 1.2
+LONGER_LAG = 1.2  # [-] of the regulators
 _LEAST = 0.5 * BAR
 _GRID = 25
 
@@ -44,48 +44,55 @@ def other_plant(model: Plant, torque_profile: tuple[tuple[float, float], ...] = 
     or Sarosi2012 if the model has that one. Raises `InvalidInput` if it cannot be fitted to the model's forces.
     """
     joint = model.joint
-    fitted = {muscle: _refitted(muscle, joint) for muscle in {joint.agonist, joint.antagonist}}
-    agonist, antagonist = (fitted[muscle] for muscle in (joint.agonist, joint.antagonist))
-    lags = _LONGER_LAG * model.lags[0], _LONGER_LAG * model.lags[1]
-    different = replace(joint, agonist=agonist.muscle, antagonist=antagonist.muscle)
+    assert joint.angle_limits is not None  # __post_init__ sets them
+    theta = np.linspace(*joint.angle_limits, _GRID)
+    contractions = np.stack([one(theta).contraction for one in (joint.geometry.agonist, joint.geometry.antagonist)])
+    fitted = refitted((joint.agonist, joint.antagonist), contractions, joint.pressure_limits[1])
+    lags = LONGER_LAG * model.lags[0], LONGER_LAG * model.lags[1]
+    different = replace(joint, agonist=fitted.muscles[0], antagonist=fitted.muscles[1])
     real = RealPlant.standard(torque_profile=torque_profile, nominal=replace(model, joint=different, lag=lags))
-    names = " and ".join(dict.fromkeys(type(one.muscle).__name__ for one in (agonist, antagonist)))
     return OtherPlant(
         real,
-        f"muscles of {names} (forces {agonist.error / PERCENT:.2g} % of the range off), "
-        f"{_strengths(real.force_gains)}, a quarter of the friction, lags 20 % longer, "
+        f"{fitted.unknown}, {_strengths(real.force_gains)}, a quarter of the friction, lags 20 % longer, "
         f"flow up to {real.flow / BAR:g} bar/s, encoder steps of {real.encoder / DEG:g}°, "
         f"{real.pressure_noise / BAR:g} bar of noise",
     )
 
 
-class _Refitted(NamedTuple):
-    muscle: Muscle
-    error: float  # RMS force error over the greatest force [-]
+class Refitted(NamedTuple):
+    """Muscles of other force laws than those of a model, and a sentence that names the laws."""
+
+    muscles: tuple[Muscle, ...]
+    unknown: str
 
 
-def _refitted(muscle: Muscle, joint: AntagonistJoint) -> _Refitted:
-    """Return a muscle of another law, fitted to the forces of `muscle` over the joint's range."""
+def refitted(muscles: Sequence[Muscle], contractions: Array, highest: float) -> Refitted:
+    """Return muscles of another law with nearly the forces of `muscles` (m,).
+
+    They pull at contractions in the range of `contractions` [-] and pressures up to the `highest` [Pa]. The law is
+    Wickramatunge2010, or Sarosi2012 for muscles of that one. Raises `InvalidInput` if it cannot be fitted.
+    """
+    found = {muscle: _fitted(muscle, contractions, highest) for muscle in dict.fromkeys(muscles)}
+    names = " and ".join(dict.fromkeys(type(muscle).__name__ for muscle, _ in found.values()))
+    error = max(error for _, error in found.values())
+    return Refitted(
+        tuple(found[muscle][0] for muscle in muscles),
+        f"muscles of {names} (forces {error / PERCENT:.2g} % of the range off)",
+    )
+
+
+def _fitted(muscle: Muscle, contractions: Array, highest: float) -> tuple[Muscle, float]:
+    """Return a muscle of another law, and its RMS force error over the greatest force [-]."""
     from allocator.identification.muscle.fit import fit
 
-    eps, P, F = _forces(muscle, joint)
-    law = Sarosi2012 if isinstance(muscle, Wickramatunge2010) else Wickramatunge2010
-    found = fit(law, eps, P, F, folds=0)
-    return _Refitted(replace(found.muscle, covariance=None), found.rms / float(F.max()))
-
-
-def _forces(muscle: Muscle, joint: AntagonistJoint) -> tuple[Array, Array, Array]:
-    """Return contractions [-], pressures [Pa] and forces [N] (n,) of the pulling muscle over the joint's range."""
-    assert joint.angle_limits is not None  # __post_init__ sets them
-    theta = np.linspace(*joint.angle_limits, _GRID)
-    routed = joint.geometry.agonist(theta), joint.geometry.antagonist(theta)
-    ends = np.concatenate([np.asarray(one.contraction) for one in routed])
-    low, high = max(float(ends.min()), 0.0), float(ends.max())
-    grid = np.meshgrid(np.linspace(low, high, _GRID), np.linspace(_LEAST, joint.pressure_limits[1], _GRID))
+    low, high = max(float(contractions.min()), 0.0), float(contractions.max())
+    grid = np.meshgrid(np.linspace(low, high, _GRID), np.linspace(_LEAST, highest, _GRID))
     eps, P = (values.ravel() for values in grid)
-    inside = muscle.covers(P, eps)
-    F = np.where(inside, muscle.force(P, eps), 0.0)
-    return eps[F > 0], P[F > 0], F[F > 0]
+    F = np.where(muscle.covers(P, eps), muscle.force(P, eps), 0.0)
+    pulls = F > 0
+    law = Sarosi2012 if isinstance(muscle, Wickramatunge2010) else Wickramatunge2010
+    found = fit(law, eps[pulls], P[pulls], F[pulls], folds=0)
+    return replace(found.muscle, covariance=None), found.rms / float(F.max())
 
 
 def _strengths(gains: tuple[float, float]) -> str:

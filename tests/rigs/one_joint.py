@@ -1,7 +1,7 @@
 """Arm of one joint: a plant as an arm with n = 1 and m = 2."""
 
 from allocator.mechanism import Mechanism
-from mpc.model.arm.bodies import EARTH, Bodies
+from allocator.mechanism.bodies import EARTH, Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
 

@@ -192,8 +192,9 @@ def _describe_limits(fit: JointFit, group: str | None, said: Said, console: Cons
     joint = chosen.shape if isinstance(chosen, RelativeJoint) else chosen
     if visited := said.visited(joint):
         say(console, f"{visited}; set them by --stops and --supply, or in the file of --machine")
-    elif (wider := said.about(joint).angle_range) != joint.angle_range:
-        (low, high), (left, right) = (tuple(end / DEG for end in ends) for ends in (joint.angle_range, wider))
+        return
+    (low, high), (left, right) = (tuple(end / DEG for end in one.angle_range) for one in (joint, said.about(joint)))
+    if left < low or high < right:
         say(
             console,
             f"the joint's range is {left:.3g}° to {right:.3g}°, as said; beyond the rests, {low:.3g}° to {high:.3g}°, "

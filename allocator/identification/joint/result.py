@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Array, Mask
-from allocator.errors import InvalidInput
+from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.atomic import write_text
+from allocator.files.toml import Table
 from allocator.identification.joint import report
 from allocator.identification.joint.doubt.common_force import (
     CommonForce,
@@ -37,6 +38,7 @@ from allocator.identification.least_squares import at_bound, rms
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.geometry import Geometry
 from allocator.joint.gravity import NO_GRAVITY, Gravity
+from allocator.machine_file import joint_from
 from allocator.muscles import Muscle, Recipe
 from allocator.presentation.tables import first_of, html_table, number
 from allocator.units import DEG, PERCENT
@@ -260,7 +262,8 @@ class JointFit:
         """Write the joint (of `group`) as TOML for `load_joint` and every command's --machine.
 
         Limits, gas and tables that are `said` of the joint stay. Raises InvalidInput if the encoder's zero is beyond
-        the search, and if μ is significantly negative: friction would drive the joint.
+        the search, if μ is significantly negative, as friction would drive the joint, and for muscles that no file may
+        hold, such as those of an absurd force at rest length.
         """
         ended = at_bound(self.x, self.problem.lower, self.problem.upper, 1e-5, 1e-2)
         if "zero" in self.problem.names and ended[self.problem.names.index("zero")]:
@@ -282,7 +285,15 @@ class JointFit:
             "encoder_zero_deg": round(float(np.degrees(self.zero)), 4),
             "encoder_zero_std_deg": round(self.standard_deviations.get("zero", 0.0) / DEG, 4),
         }
-        write_text(path, said.text(joint, self.gravity, self.scale is not None, source))
+        text = said.text(joint, self.gravity, self.scale is not None, source)
+        try:
+            joint_from(Table.parsed("the fitted joint", text), scale_needed=False)
+        except InvalidFile as error:
+            raise InvalidInput(
+                f"{error}; nothing was written, as no command could read it: these angles and pressures do not tell "
+                "the law; measure more of them, or choose another model"
+            ) from None
+        write_text(path, text)
 
 
 def first_search(problem: JointProblem, recipe: Recipe[Muscle]) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput
-from allocator.identification.end_stops import described, stops
+from allocator.identification.end_stops import described
 from allocator.identification.least_squares import rms
 from allocator.identification.motion.doubt import AngleBand, Bands, Drift
 from allocator.identification.motion.problem import MotionProblem, Prediction
@@ -97,13 +97,12 @@ class MotionFit:
     @property
     def left_out(self) -> Errors:
         """Return the root mean square of the left-out blocks' errors [rad], each block counted once."""
-        every, taut = np.array(self.blocks).T
-        return Errors(rms(every), rms(taut[np.isfinite(taut)]))
+        return Errors(*(rms(errors[np.isfinite(errors)]) for errors in np.array(self.blocks).T))
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings, sentences without a full stop."""
-        found = tuple(map(described, stops(self.log.theta, self.log.P1, self.log.P2)))
+        found = tuple(map(described, self.log.ends))
         if not self.converged:
             found = ("the search stopped before it converged", *found)
         if self.left_out.every > _UNEXPLAINED * (moved := float(self.log.theta.std())):
@@ -315,8 +314,13 @@ LABELS = {
 
 
 def _holding(muscle: Muscle, more: float, given: AntagonistJoint) -> Muscle:
-    """Return the muscle with `more` gas [m³]."""
+    """Return the muscle with `more` gas [m³]. Raises `InvalidInput` if its law then leaves none at rest length."""
     at_rest = float(muscle.volume_at_rest(given.geometry.rest_length)) - muscle.tube_volume + more
+    if at_rest <= 0:
+        raise InvalidInput(
+            f"the gas that the log shows leaves this {type(muscle).__name__} {1e6 * at_rest:.3g} cm³ at rest length, "
+            "beyond the angles of its fit: measure rests at more angles, or leave the gas out by gas=False (--no-gas)"
+        )
     return replace(muscle, inner_radius=None, rest_volume=at_rest) if more else muscle
 
 

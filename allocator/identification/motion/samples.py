@@ -24,6 +24,7 @@ from allocator.calculus import Array, Mask
 from allocator.errors import InvalidFile, InvalidInput
 from allocator.files.text import FilePath, short
 from allocator.identification.columns import read_columns
+from allocator.identification.end_stops import Stop, stops
 from allocator.identification.outliers import some
 from allocator.identification.recording import (
     GAP,
@@ -117,14 +118,21 @@ class MotionLog:
         """Return the median time between rows [s]."""
         return float(np.median(np.diff(self.t)))
 
-    @property
+    @cached_property
+    def ends(self) -> tuple[Stop, ...]:
+        """The end stops at which rows rest."""
+        return tuple(stops(self.theta, self.P1, self.P2))
+
+    @cached_property
     def settled(self) -> Mask:
         """Return the rows (n,) after the first two seconds of their stretch, or after its first half if that is less.
 
-        The others depend on the unknown state at the beginning.
+        The others depend on the unknown state at the beginning. Rows at a stop, which the motion does not know, are
+        not among them.
         """
         since = [self.t[part] - self.t[part.start] for part in self.parts]
-        return np.concatenate([t >= min(_FORGOTTEN, t[-1] / 2) for t in since])
+        later = np.concatenate([t >= min(_FORGOTTEN, t[-1] / 2) for t in since])
+        return np.asarray(later & ~np.any([np.zeros(self.n, bool), *(end.there for end in self.ends)], axis=0))
 
     @cached_property
     def swing(self) -> float:
@@ -246,6 +254,11 @@ class MotionLog:
             raise InvalidInput(
                 f"theta stays within {self.swing / DEG:.2g}°: the log shows no motion; step the pressures against "
                 "each other through the range that the joint is used in"
+            )
+        if self.ends and (free := int(self.settled.sum())) < _LEAST_ROWS:
+            raise InvalidInput(
+                f"only {free} rows are off the end stops, {', '.join(f'{end.angle / DEG:.3g}°' for end in self.ends)}: "
+                "a joint at a stop shows nothing of its motion; step the pressures less far"
             )
         for name, P in (("P1", self.P1), ("P2", self.P2)):
             if np.ptp(P) < _LEAST_MOVE:

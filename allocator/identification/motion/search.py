@@ -44,7 +44,7 @@ class Found(NamedTuple):
     def slope(self, used: Mask) -> float:
         """Return the mean slope of the static angle [rad] with respect to q over the rows `used` (n,)."""
         run = self.run(used)
-        return float(np.polyfit(self.problem.static(run.P1, run.P2), run.static, 1)[0])
+        return float(np.polyfit(self.problem.static(run.P1, run.P2)[used], run.static[used], 1)[0])
 
     def again(self, used: Mask, problem: MotionProblem | None = None) -> "Found":
         """Continue the search on other rows, or for another problem of these unknowns."""

@@ -194,7 +194,7 @@ def fit_muscles(
     for objective in (torques, residual):  # far away the angles of a soft joint jump; torques are smooth
         x = least_squares(objective, x, bounds=(-most, most), x_scale=size, ftol=1e-6, max_nfev=60).x
     agonist, antagonist = map(_valid, (joint.agonist, joint.antagonist), muscles(x))
-    return agonist, antagonist, float(x[0])
+    return agonist, antagonist, 0.0 if hold_zero else float(x[0])
 
 
 def _valid(muscle: Muscle, found: Muscle) -> Muscle:

@@ -5,6 +5,7 @@ has rest length and cable of every tendon in its user data; `mpc.arm.mjcf.to_mjc
 needs MuJoCo.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -101,6 +102,25 @@ def read_point(file: Source, name: str) -> tuple[Linkage, Site]:
         known = ", ".join(filter(None, [*sites, *bodies]))
         raise InvalidFile(said(file), f"has no site or body called {name!r}; it has {known}")
     return Linkage(links), Site(link, tuple(p.tolist()))
+
+
+def held_torque(source: Source) -> Callable[[Array], Array]:
+    """Return the torques (…, n) [N·m] that balance gravity and springs of a model, as a function of postures (…, n).
+
+    Raises as `load`.
+    """
+    import mujoco
+
+    model = load(source)
+    data, places, speeds = mujoco.MjData(model), model.jnt_qposadr, model.jnt_dofadr
+
+    def at(q: Array) -> Array:
+        data.qpos[places] = q
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        return np.asarray((data.qfrc_bias - data.qfrc_passive)[speeds])
+
+    return lambda q: np.apply_along_axis(at, -1, q)
 
 
 def load(source: Source) -> "MjModel":

@@ -20,6 +20,7 @@ from mpc.bench.rows import Row
 from mpc.bench.safety import Ending, Reason
 from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
+from mpc.observer.gating import ROUNDING
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,6 @@ def result_of(source: Experiment, told: Told, ending: Ending, theta: np.ndarray)
 
 def encoder_step(theta: np.ndarray) -> float:
     """Return the step [rad] of an encoder, the least difference of two readings; 0 if hardly any repeat."""
-    values = np.unique(theta[np.isfinite(theta)])
-    if values.size < 2 or values.size > 0.5 * theta.size:
-        return 0.0
-    return float(np.diff(values).min())
+    gaps = np.diff(np.unique(theta[np.isfinite(theta)]))
+    steps = gaps[gaps > ROUNDING]
+    return 0.0 if not steps.size or steps.size >= 0.5 * theta.size else float(steps.min())

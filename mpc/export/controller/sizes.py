@@ -214,6 +214,7 @@ def _of_observer(observer: KalmanObserver, late: float) -> Numbers:
         "FIRST": (kalman.FIRST, "first samples, in which rejected readings may be right"),
         "REPEATED": (rivalry.ONCE * dt, "longest repetition of an angle reading at a reversal [s]"),
         "COARSEST": (kalman.COARSEST, "greatest resolution step of an encoder [rad]"),
+        "ROUNDING": (gating.ROUNDING, "change of an angle up to which it is no step of an encoder [rad]"),
         "LEARNING": (dt / OFFSET_TIME, "share of an innovation that is added to a pressure offset"),
         "SETTLED": (SETTLED, "distance to the command within which a pressure shows its offset [Pa]"),
         "MOST_OFFSET": (observer.noise.offset, "greatest offset of a pressure sensor to its regulator [Pa]"),

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allocator.calculus import Value
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism import Mechanism, Routes
 from allocator.mechanism.formulas import has_formulas, symbolic_jacobian, symbolic_lengths
-from mpc.model.arm.bodies import MovingBodies
 from mpc.model.arm.mujoco_mechanics import MujocoBodies
 from mpc.model.experiment import integrated
 from mpc.model.pressures import fall
@@ -29,6 +29,40 @@ class Statics(NamedTuple):
     torque: "SX"  # τ (n, 1) [N·m]
     stiffness: "SX"  # K (n, n) [N·m/rad]
     forces: "SX"  # F (m, 1) [N]
+
+
+class MovingBodies(Protocol):
+    """Interface of an arm's bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
+
+    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) for bodies with formulas.
+    """
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+
+    @property
+    def damping(self) -> ArrayLike:
+        """Damping of the hinges (n,) [N·m·s/rad]."""
+
+    @property
+    def summary(self) -> str:
+        """Short description."""
+
+    def mass_matrix(self, q: Value) -> Value:
+        """Return M(q) (…, n, n) [kg·m²]."""
+
+    def bias(self, q: Value, omega: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion without acceleration."""
+
+    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
+        """Return the torques (…, n) [N·m] of a motion."""
+
+    def gravity_torque(self, q: Value) -> Value:
+        """Return the torques (…, n) [N·m] that hold a posture."""
+
+    def gravity_stiffness(self, q: Value) -> Value:
+        """Return the slope (…, n, n) [N·m/rad] of these."""
 
 
 def missing(routes: Routes, bodies: MovingBodies) -> str:

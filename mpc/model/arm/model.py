@@ -13,7 +13,6 @@ with gas, the pressures are integrated as well.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from math import nan
 from typing import Any, Self
 
 import numpy as np
@@ -26,12 +25,12 @@ from allocator.errors import InvalidInput, MissingBackend
 from allocator.joint.gas import Gas
 from allocator.lazy import SX, Function
 from allocator.mechanism import Mechanism, machines
+from allocator.mechanism.bodies import BODIES, check_bodies
 from allocator.mechanism.endpoint.endpoint import Endpoint, stiffness_of
 from allocator.mechanism.routes.mjcf import Source
 from allocator.muscles import Muscle
 from allocator.units import BAR
 from mpc.model.arm import formulas, ranges, tangents
-from mpc.model.arm.bodies import BODIES, check_bodies
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
@@ -263,7 +262,7 @@ class Arm:
         muscles = list(zip(self.mechanism.at(q), P.T, gains.tolist(), strict=True))
         K = sum(gain * muscle.stiffness(pressure) for muscle, pressure, gain in muscles)
         F = np.stack([gain * muscle.force(pressure) for muscle, pressure, gain in muscles], axis=-1)
-        return np.where(known[:, None, None], self.seen(q, np.asarray(K)), nan), np.where(known[:, None], F, nan)
+        return np.where(known[:, None, None], self.seen(q, np.asarray(K)), np.nan), np.where(known[:, None], F, np.nan)
 
     @property
     def stiffness_text(self) -> str:

@@ -26,7 +26,7 @@ from allocator.files.text import FilePath
 from allocator.files.toml import Table, section
 from allocator.machine_file import described, dumps, machine_from
 from allocator.mechanism import Mechanism
-from mpc.model.arm.bodies import Bodies
+from allocator.mechanism.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.storage import numbers_in
 

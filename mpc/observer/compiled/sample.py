@@ -25,7 +25,7 @@ from mpc.observer import pressure_diagnosis, ringing, torque_diagnosis
 from mpc.observer.compiled.layout import Belief, Places, Sample
 from mpc.observer.diagnosis import Known, follow, large_since, less_lost, steps
 from mpc.observer.filter import SETTLED
-from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, SIGMAS, TURN
+from mpc.observer.gating import DOUBT, NEAR_A_TURN, ROUGH, ROUNDING, SIGMAS, TURN
 
 FORMULAS: Any = None
 advance = pulls = pressing = regulators = sounds = loops = FORMULAS
@@ -92,7 +92,7 @@ def filtered(o: Sample, y: Array, u: Array) -> bool:
     for i in range(n):
         s.read[i] = w.taken[i] = y[i]
         change = abs(y[i] - o.past.read[i])
-        if 0 < change < s.step[i]:  # of an encoder
+        if ROUNDING < change < s.step[i]:  # of an encoder
             rough = max(k.theta_noise, change / np.sqrt(12.0))
             s.step[i], s.variances[i], s.floor[i] = change, rough * rough, max(k.theta_floor[i], ROUGH * rough)
     follow_friction(o)

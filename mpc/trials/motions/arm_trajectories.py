@@ -8,8 +8,8 @@ from allocator import allocate, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
 from allocator.mechanism import Mechanism, Pulleys
+from allocator.mechanism.bodies import Bodies
 from allocator.units import DEG
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.trials.motions.reference import Reference, min_jerk
 

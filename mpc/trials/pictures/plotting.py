@@ -10,10 +10,10 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.joint.limits import Limits
 from allocator.lazy import Axes, Figure
+from allocator.mechanism.bodies import Bodies
 from allocator.mechanism.endpoint import Endpoint
 from allocator.presentation.plotting import GREY, legend_below, legend_outside, new_figure, save_figure
 from allocator.units import BAR, DEG
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.model.plant import Plant
 from mpc.trials.metrics import metrics

@@ -5,6 +5,7 @@ import pytest
 
 from allocator import InvalidInput, Limit, Limits, Status, allocate, report_joint
 from allocator.feasibility import feasibility_map, stiffness_interval, torque_interval
+from allocator.joint.gravity import Gravity
 from allocator.units import BAR, DEG
 
 REPORT = report_joint()
@@ -202,3 +203,21 @@ def test_wrong_input_is_one_sentence(call, said):
     with pytest.raises(InvalidInput, match=said) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_torques_are_beyond_gravity():
+    gravity, theta, K = Gravity(2.0, 0.3), np.linspace(-1.5, 1.5, 9), np.linspace(3, 11, 7)
+    found = feasibility_map(theta, K, 0.5, gravity=gravity)
+    held = allocate(theta[:, None], K, 0.5 + gravity.moment(theta)[:, None])
+    np.testing.assert_array_equal(found.P1, held.P1)
+    np.testing.assert_array_equal(found.status, held.status)
+    for edge in found.edges:
+        np.testing.assert_allclose(edge.T, 0.5, atol=1e-8)
+        np.testing.assert_allclose(REPORT.torque(edge.theta, edge.P1, edge.P2), 0.5 + gravity.moment(edge.theta))
+    across, at = feasibility_map(0.4, K, None, gravity=gravity), gravity.moment(0.4)
+    bare = feasibility_map(0.4, K, None)
+    np.testing.assert_allclose(across.T + at, bare.T, atol=1e-9)
+    np.testing.assert_array_equal(across.feasible, bare.feasible)
+    for edge, other in zip(across.edges, bare.edges, strict=True):
+        np.testing.assert_allclose(edge.T + at, other.T, atol=1e-8)
+        np.testing.assert_allclose(edge.K, other.K, rtol=1e-7)

@@ -11,7 +11,11 @@ from allocator import InvalidInput, Stiffness, allocate, named_muscle, save_mach
 from allocator.cli import app
 from allocator.feasibility import feasible_targets
 from allocator.mechanism import Endpoint, Pulleys, machines
+from allocator.mechanism.bodies import leg37_bodies
 from allocator.units import BAR, DEG
+from mpc.arm.mjcf import to_mjcf
+from mpc.model.arm.model import Arm
+from mpc.model.arm.storage import arm_text
 
 ARM = ("allocate", "--machine", "arm26")
 
@@ -53,10 +57,61 @@ def test_what_cannot_be_met_has_its_exit_code_and_its_muscles():
 
 
 def test_a_file_stands_for_a_machine(tmp_path):
-    path = tmp_path / "leg.toml"
-    save_machine(machines.leg37(), path)
-    asked = ("--posture", "5,-5,10", "--torque", "1", "--stiffness", "20,15,9", "--json")
-    assert run("allocate", "--machine", path, *asked).stdout == run("allocate", "--machine", "leg37", *asked).stdout
+    path = tmp_path / "arm.toml"
+    save_machine(machines.arm26(), path)
+    asked = ("--posture", "5,-5", "--torque", "1", "--stiffness", "20,15,9", "--json")
+    assert run("allocate", "--machine", path, *asked).stdout == run(*ARM, *asked).stdout
+
+
+def weight_of(bodies, q):
+    """Return the slope [N·m] of the links' height over the angles, by central differences of their places."""
+
+    def potential(q):
+        ends, masses = bodies.points(q), np.array(bodies.mass)
+        along = np.array(bodies.centre) / np.array(bodies.length)
+        centres = ends[:-1] + along[:, None] * np.diff(ends, axis=0)
+        return -masses @ centres @ np.array(bodies.gravity)
+
+    return [(potential(q + h) - potential(q - h)) / 2e-6 for h in 1e-6 * np.eye(bodies.n)]
+
+
+@pytest.fixture(params=["leg37", "leg.toml", "leg.xml"])
+def standing_leg(request, tmp_path):
+    """The leg with gravity, by its name, in a file, and as a MuJoCo model."""
+    arm = Arm.machine("leg37")
+    if request.param == "leg37":
+        return (request.param,)
+    path = tmp_path / request.param
+    if path.suffix == ".toml":
+        path.write_text(arm_text(arm), encoding="utf-8")
+        return (path,)
+    path.write_text(to_mjcf(arm.mechanism, arm.bodies), encoding="utf-8")
+    return path, "--muscle", "sarosi-dmsp-20-400n"
+
+
+def test_bodies_of_another_machine_have_no_weight_here(tmp_path):
+    path, leg = tmp_path / "arm.toml", arm_text(Arm.machine("leg37"))
+    save_machine(machines.arm26(), path)
+    path.write_text(
+        path.read_text(encoding="utf-8") + leg[leg.index("[bodies]") : leg.index("[plant]")], encoding="utf-8"
+    )
+    failed = run("allocate", "--machine", path, "--posture", "23,-17", "--torque", "1", "--stiffness", "10")
+    assert "[bodies]: Arm: bodies of 3 links for a mechanism with n = 2 joints" in str(failed.exception)
+
+
+def test_the_torque_is_beyond_gravity(standing_leg, tmp_path):
+    q, asked = np.array([20, -30, 10]) * DEG, ("--posture", "20,-30,10")
+    held = np.array(weight_of(leg37_bodies(), q))
+    answer = run("allocate", "--machine", *standing_leg, *asked, "--torque", "1", "--stiffness", "26,15,9", "--json")
+    printed = json.loads(answer.stdout)
+    assert printed["gravity_Nm"] == pytest.approx(held, abs=1e-6)
+    muscles = machines.leg37().torque(q, np.array(printed["P_bar"]) * BAR)
+    assert muscles == pytest.approx(held + 1, abs=1e-5)
+    out = tmp_path / "map.png"
+    drawn = run("map", "--machine", *standing_leg, *asked, "--torque", "1", "--json", "--out", out)
+    assert list(json.loads(drawn.stdout)["held"].values()) == pytest.approx(held + 1, abs=1e-5)
+    said = f"{', '.join(f'{T:.3g}' for T in held)} N·m of the torque balance gravity"
+    assert said in run("map", "--machine", *standing_leg, *asked, "--out", tmp_path / "said.png").stdout
 
 
 def test_options_change_all_muscles_and_say_which_stiffness_is_meant():

@@ -40,7 +40,7 @@ def test_allocate_holds_the_link_of_a_file_against_its_gravity(tmp_path):
     weight = 2.0 * math.sin(30 * DEG - 0.1)
     answer = allocate(30 * DEG, 7.5, 0.5 + weight)
     assert f"{answer.P1 / BAR:.4f}" in result.output
-    assert f"{weight:.3g} N·m of the torque hold the link against its gravity" in result.output
+    assert f"{weight:.3g} N·m of the torque balance gravity" in result.output
     assert json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)["gravity_Nm"] == pytest.approx(weight)
 
 

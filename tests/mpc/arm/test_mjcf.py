@@ -6,9 +6,9 @@ import pytest
 
 from allocator import InvalidInput
 from allocator.mechanism import Link, Mechanism, Pulleys, Sites, Tables, machines
+from allocator.mechanism.bodies import Bodies, arm26_bodies, arm48_bodies, leg37_bodies
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from mpc.arm.mjcf import to_mjcf
-from mpc.model.arm.bodies import Bodies, arm26_bodies, arm48_bodies, leg37_bodies
 
 ODD = Bodies(
     (0.3, 0.25, 0.2), (1.1, 0.7, 0.3), (0.1, 0.2, 0.05), (0.02, 0.01, 0.003), (0.3, 0.1, 0.0), (3.0, -9.0), (-1, 1, -1)

@@ -11,11 +11,11 @@ from scipy.integrate import solve_ivp
 from allocator import InvalidFile, InvalidInput
 from allocator.joint.gas import Gas
 from allocator.mechanism import machines
+from allocator.mechanism.bodies import arm26_bodies, arm48_bodies
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
-from mpc.model.arm.bodies import arm26_bodies, arm48_bodies
 
 MUSCLE = replace(SAROSI_DMSP_20_400N, tube_volume=20e-6)
 ARM, BODIES = machines.arm26().with_muscles(MUSCLE), arm26_bodies()

@@ -7,6 +7,7 @@ import pytest
 
 from allocator import InvalidInput, MissingBackend
 from allocator.mechanism import Mechanism, Sites, machines
+from allocator.mechanism.bodies import Bodies, arm26_bodies
 from allocator.mechanism.routes import Link
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.units import BAR
@@ -14,7 +15,6 @@ from mpc.arm import picture
 from mpc.arm.mjcf import muscle_geom, paint, to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.arm.picture import Camera, radii
-from mpc.model.arm.bodies import Bodies, arm26_bodies
 
 ARM = machines.arm26()
 

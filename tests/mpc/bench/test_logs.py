@@ -1,6 +1,7 @@
 """Logs: read again, replayed, made a run; readings that come late."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.faults import SupplyDrop
 from mpc.model.real import RealArm, RealPlant
 from mpc.observer.base import Differentiator
-from mpc.observer.health import FaultKind
+from mpc.observer.health import FaultKind, Finding, Health, Part, Suspect
 from mpc.trials.files import load_recording, save_recording
 from mpc.trials.metrics import metrics
 from mpc.trials.motions.arm_trajectories import reference
@@ -296,3 +297,17 @@ def test_a_loop_without_supply_ends_before_its_muscles_jump_when_it_returns(left
     record = RealTimeLoop(device, controller, observer, reference, clock=clock, start=START).run()
     assert record.ending.reason is reason
     assert any(suspect.fault is FaultKind.SUPPLY_DROP for suspect in record.health.suspects)
+    if reason is Reason.UNHEALTHY:
+        assert "the supply is lost: " in str(record.ending)
+        stopped = record.columns["phase"] == Phase.STOP
+        assert not record.columns["P1_command"][stopped].any()  # a ramp would fill it on the supply's return
+
+
+@pytest.mark.parametrize(("P", "lost"), [((0.5, 0.5), True), ((0.5, 4.0), False)])
+def test_two_rejected_pressures_far_below_their_commands_are_a_lost_supply(P, lost):
+    tracking = Tracking(Plant(), PIDControl(Plant(), DT), Differentiator(DT), sine(duration=1.0, ramp=0.2))
+    rejected = [Finding((Suspect(FaultKind.REJECTED_SENSOR, part),), 0.0) for part in (Part.P1, Part.P2)]
+    tick = Tick(1, 0, Reading(0.0, 0.1, tuple(p * BAR for p in P)), (0.5 * BAR, 6.0 * BAR), 0.0)
+    for findings in (rejected[:1], rejected):
+        tracking.observer = SimpleNamespace(health=Health(tuple(findings)))
+        assert tracking._starved(tick) == (lost and findings is rejected)

@@ -1,15 +1,17 @@
 """The motion of a pendulum, integrated here from its own formulas, and the file of its plant."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from allocator import BAR, DEG, AntagonistJoint, Pulley
+from allocator.files.toml import Table
 from allocator.identification import fit_motion
 from allocator.joint.gravity import Gravity
-from allocator.machine_file import save_machine
+from allocator.machine_file import encoder_zero_known_in, save_machine
 from allocator.muscles import MODELS
 from mpc import Plant
 from mpc.cli import app
@@ -73,7 +75,8 @@ def test_the_file_of_a_pendulum_has_its_gravity_beside_its_muscles(log, tmp_path
 @pytest.mark.slow
 def test_the_command_takes_gravity_and_a_held_zero_from_the_joint_s_file(log, tmp_path):
     joint, rows, out = tmp_path / "joint.toml", tmp_path / "log.csv", tmp_path / "plant.toml"
-    save_machine(JOINT, joint, source={"encoder_zero_deg": 2.0, "encoder_zero_std_deg": 0.0})
+    low = replace(JOINT, pressure_limits=(0.0, 3 * BAR), angle_limits=(-0.01, 0.02))
+    save_machine(low, joint, source={"encoder_zero_deg": 2.0, "encoder_zero_std_deg": 0.0})
     with joint.open("a") as file:
         file.write("\n[plant]\ngravity_torque = 1.5\nhanging_angle = 0.3\nslew = 700000.0\n")
     t, theta, P1, P2 = log
@@ -82,7 +85,11 @@ def test_the_command_takes_gravity_and_a_held_zero_from_the_joint_s_file(log, tm
     result = CliRunner().invoke(app, ["fit-motion", str(rows), "--machine", str(joint), "--no-gas", "--out", str(out)])
     assert result.exit_code == 0, result.output
     written = tomllib.loads(out.read_text())
-    assert written["source"]["encoder_zero_deg"] == pytest.approx(2.0, abs=1e-3)
+    assert written["source"]["encoder_zero_deg"] == pytest.approx(2.0, abs=1e-12)
+    assert encoder_zero_known_in(Table.read(out))
+    said = " ".join(result.output.split())
+    assert "the plant's file widens the range of -0.573° to 1.15° to" in said
+    assert f"and the supply of 3 bar to {written['machine']['pressure_limits'][1] / BAR:.3g} bar" in said
     assert written["plant"]["slew"] == 7e5
     assert Plant.load(out).gravity == HANGING
 

@@ -131,6 +131,13 @@ def test_an_encoder_that_repeats_itself_is_ordinary(step):
     pair.same()
 
 
+def test_rounding_is_no_step_of_an_encoder():
+    pair, P = Pair(), np.array([2.0, 2.0]) * BAR
+    for k in range(40):
+        pair.estimate(np.array([0.1 * DEG * (k // 4) + 1e-12 * (-1) ** k, np.nan, *P]), P)
+    assert pair.compiled.encoder_step == pair.readable.encoder_step == pytest.approx(0.1 * DEG)
+
+
 FAULTS = {
     "leak": Leak(1.0, muscle=1),
     "leak that ends": Leak(1.0, 2.0, muscle=2),

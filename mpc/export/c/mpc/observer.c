@@ -293,7 +293,7 @@ static void answer(const ant_observer *o, const ant_real said[ANT_SENSORS], ant_
 
 /* Readings of an encoder change by whole steps: the least change so far is its step, if any. */
 static void learn_step(ant_observer *o, int joint, ant_real change) {
-    if (change > 0 && change < o->step[joint]) {
+    if (change > ANT_ROUNDING && change < o->step[joint]) {
         const ant_real fine = ANT_ENCODER_NOISE, steps = change / ANT_F(sqrt)(12), rough = steps > fine ? steps : fine;
         const ant_real floor = ANT_ROUGH * rough;
         o->step[joint] = change;

@@ -11,6 +11,7 @@ from allocator.identification.joint.filing import Said
 from allocator.joint.geometry import Pulley
 from allocator.joint.gravity import Gravity
 from allocator.machine_file import load_joint
+from allocator.muscles import storage
 from allocator.units import BAR, DEG
 
 RADIUS, LENGTH, EPS0 = 0.02, 0.3, 0.12
@@ -107,6 +108,14 @@ def test_a_zero_far_from_0_is_no_angle_out_of_reach(rests):
     theta, *others = rests
     fit = _fit(np.array([theta + 3.0, *others]), gravity=HANGING, zero=3.0 + ZERO)
     assert np.abs(_errors(fit, rests)).max() < 0.02
+
+
+def test_a_joint_that_no_command_could_read_is_not_written(rests, tmp_path, monkeypatch):
+    fit, path = _fit(rests, gravity=HANGING), tmp_path / "joint.toml"
+    monkeypatch.setattr(storage, "_MOST", 1.0)  # N
+    with pytest.raises(InvalidInput, match=r"N at 5 bar and rest length.* nothing was written"):
+        fit.save(path)
+    assert not path.exists()
 
 
 def test_the_file_keeps_what_is_said_of_the_joint(rests, tmp_path):

@@ -84,8 +84,9 @@ def test_several_files_make_one_joint_and_each_is_left_out_in_turn(table, fitted
     one, two, both = (tmp_path / name for name in ("one.csv", "two.csv", "both.toml"))
     one.write_text("\n".join([header, *rows[::2]]))
     two.write_text("\n".join([header, *rows[1::2]]))
-    result = run(one, two, *PULLEY, "MartensBoblan2017", "--out", both)
+    result = run(one, two, *PULLEY, "MartensBoblan2017", "--stops=-20:20", "--supply", "5", "--out", both)
     assert result.exit_code == 0, result.output
+    assert "extrapolated" not in result.output  # the rests go further
     assert f"group one.csv: {len(rows[::2])} samples" in result.output
     angles, P = np.linspace(-0.3, 0.3, 5), (2.5 * BAR, 2.5 * BAR)
     joints = [load_joint(path) for path in (both, fitted[1])]

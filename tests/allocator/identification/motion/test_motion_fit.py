@@ -84,6 +84,17 @@ def test_clipped_pressures_leave_the_motion_unexplained_and_a_warning(slow_joint
     assert not fit.warnings
 
 
+def test_rows_at_a_stop_are_left_out(slow_joint, fit):
+    t, theta, P1, P2 = slow_joint.rows
+    ends = np.quantile(theta, [0.15, 0.8])
+    stopped = fit_motion(t, np.clip(theta, *ends), P1, P2, joint=JOINT)
+    said = [warning for warning in stopped.warnings if "taken for an end stop, and left out of the fit" in warning]
+    assert len(stopped.warnings) == len(said) == 2
+    assert stopped.parameters["gain"].value == pytest.approx(fit.parameters["gain"].value, rel=0.03)
+    for name in ("lag_up", "lag_down", "loop_width"):
+        assert inside(stopped.parameters[name], fit.parameters[name].value)
+
+
 def test_a_joint_that_swings_shows_its_inertia_and_its_hysteresis(swinging_joint, swinging_fit):
     (plant, _), fit = swinging_joint, swinging_fit
     K = float(plant.stiffness((0.0, 0.0, 2.7 * BAR, 2.7 * BAR)))

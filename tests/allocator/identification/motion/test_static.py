@@ -3,10 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from allocator import BAR, DEG, AntagonistJoint, Pulley
+from allocator.errors import InvalidInput
+from allocator.identification.motion.result import _holding
 from allocator.identification.motion.static import fit_muscles
 from allocator.muscles import Muscle
+from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
 from allocator.muscles.models.affine import Sarosi2012
 
 ONE = Sarosi2012(c1=-0.010896, c2=-0.019754, c3=0.0043103, c4=-127.05, c5=-72.568, c6=-27.038)
@@ -41,3 +45,11 @@ def test_a_fitted_stiffness_is_kept_where_angles_are_further_than_it_predicts() 
     changed = found.stiffness(u - zero, P1, P2) / known.stiffness(u, P1, P2)
     assert np.quantile(np.abs(changed - 1), 0.9) < 0.02  # the others are beyond the range of the joint
     assert np.sqrt(np.mean((zero + np.asarray(found.equilibrium(P1, P2)) - u) ** 2)) < 0.1 * DEG
+
+
+def test_gas_that_leaves_none_at_rest_length_is_told() -> None:
+    muscle = replace(SAROSI_DMSP_20_400N, rest_volume=2e-5)
+    joint = _joint(muscle, muscle)
+    assert _holding(muscle, 1e-5, joint).rest_volume == pytest.approx(3e-5)
+    with pytest.raises(InvalidInput, match=r"leaves this Sarosi2012 -10 cm³ at rest length.*--no-gas"):
+        _holding(muscle, -3e-5, joint)

@@ -10,6 +10,7 @@ from allocator import InvalidInput
 from allocator.identification import fit, load_dataset
 from allocator.joint.gas import Gas
 from allocator.mechanism import Link, Mechanism, Sites
+from allocator.mechanism.bodies import Bodies
 from allocator.muscles import Hildebrandt2005
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N, TONDU_DMSP_20_400N
 from allocator.muscles.models.custom import TableMuscle
@@ -18,7 +19,6 @@ from allocator.units import BAR
 from mpc.arm.learning.mujoco_batch import MujocoBatch
 from mpc.arm.learning.plant import ArmBatch, VariedArm
 from mpc.arm.learning.variation import Variation
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.tracking.qp.step import SlowStep
 

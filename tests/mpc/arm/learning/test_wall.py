@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput
+from allocator.mechanism.bodies import Bodies
 from allocator.mechanism.endpoint import Endpoint
 from allocator.units import BAR
 from mpc.arm.learning.mujoco_batch import MujocoBatch, plant_of
 from mpc.arm.learning.plant import ArmBatch, Touch, VariedArm, Wall
 from mpc.arm.learning.variation import Variation
 from mpc.arm.mjcf import to_mjcf
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 
 pytestmark = pytest.mark.compiles

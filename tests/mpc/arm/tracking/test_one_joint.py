@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from allocator.mechanism import Mechanism
+from allocator.mechanism.bodies import EARTH, Bodies
 from allocator.units import BAR, DEG
 from mpc import Compensation, Plant, TrackingMPC
-from mpc.model.arm.bodies import EARTH, Bodies
 from mpc.model.arm.model import Arm
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiles]

@@ -9,8 +9,8 @@ from allocator import InvalidInput
 from allocator.errors import MissingBackend
 from allocator.joint.geometry import Lever
 from allocator.mechanism import Link, Mechanism, Sites, Tables, from_function
+from allocator.mechanism.bodies import Bodies
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from mpc.model.arm.bodies import Bodies
 from mpc.model.arm.model import Arm
 from mpc.tracking.linearise import Predictor
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from allocator import InvalidInput
-from mpc.model.arm.bodies import BODIES, Bodies
+from allocator.mechanism.bodies import BODIES, Bodies
 
 CROOKED = Bodies(
     (0.3, 0.25, 0.2), (1.0, 0.7, 0.4), (0.1, 0.2, 0.05), (0.01, 0.004, 0.002), (0.1, 0.2, 0.3), gravity=(3.0, -9.0)

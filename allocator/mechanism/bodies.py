@@ -15,7 +15,7 @@ j ≥ i of those of φ_j, times σ_i, because q_i turns all links from its own o
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +23,9 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value, cos, is_symbol, sin
 from allocator.errors import InvalidInput
-from allocator.mechanism import Mechanism, Sites
 from allocator.mechanism.endpoint import Endpoint
+from allocator.mechanism.mechanism import Mechanism
+from allocator.mechanism.routes import Sites
 from allocator.mechanism.routes.linkage import GROUND, Link, Linkage
 
 EARTH = 9.81  # [m/s²]
@@ -138,7 +139,7 @@ class Bodies:
         """Return g(q) (…, n) [N·m], the slope of the potential, which the muscles have to balance."""
         (x, y), s = self.gravity, self._moments.tolist()
         if x == y == 0 and not is_symbol(q):  # a horizontal plane, where most studies are
-            return 0.0 * np.asarray(q, float)
+            return np.zeros_like(np.asarray(q, float))
         of_links = [s[j] * (x * sin(angle) - y * cos(angle)) for j, angle in enumerate(self._angles(q))]
         return _vector(self._carried(of_links), q)
 
@@ -207,7 +208,7 @@ class Bodies:
         return [q[i] if is_symbol(q) else q[..., i] for i in range(self.n)]
 
 
-def check_bodies(bodies: "MovingBodies", mechanism: Mechanism) -> None:
+def check_bodies(bodies: Any, mechanism: Mechanism) -> None:
     """Raise `InvalidInput` unless the bodies have the joints of the mechanism; on `Sites`, `Bodies` have its links."""
     n, routes = mechanism.n, mechanism.routes
     if bodies.n != n:
@@ -293,37 +294,3 @@ def leg37_bodies() -> Bodies:
 
 BODIES = {"arm26": arm26_bodies, "arm48": arm48_bodies, "leg37": leg37_bodies}
 """The bodies of the ready-made machines, which all move in a plane, by the name of the machine."""
-
-
-class MovingBodies(Protocol):
-    """Interface of an arm's bodies, such as `Bodies`, `TreeBodies` or `MujocoBodies`.
-
-    Postures and velocities are (…, n) [rad], [rad/s] as numbers, or CasADi columns (n, 1) for bodies with formulas.
-    """
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-
-    @property
-    def damping(self) -> ArrayLike:
-        """Damping of the hinges (n,) [N·m·s/rad]."""
-
-    @property
-    def summary(self) -> str:
-        """Short description."""
-
-    def mass_matrix(self, q: Value) -> Value:
-        """Return M(q) (…, n, n) [kg·m²]."""
-
-    def bias(self, q: Value, omega: Value) -> Value:
-        """Return the torques (…, n) [N·m] of a motion without acceleration."""
-
-    def torque_for(self, q: Value, omega: Value, alpha: Value) -> Value:
-        """Return the torques (…, n) [N·m] of a motion."""
-
-    def gravity_torque(self, q: Value) -> Value:
-        """Return the torques (…, n) [N·m] that hold a posture."""
-
-    def gravity_stiffness(self, q: Value) -> Value:
-        """Return the slope (…, n, n) [N·m/rad] of these."""
