@@ -72,20 +72,10 @@ def allocate_command(
     """
     from rich.console import Console
 
-    from allocator.allocation import Method
     from allocator.joint.antagonist import AntagonistJoint
-    from allocator.joint.limits import Limits
 
-    if priority not in ("torque", "stiffness"):
-        raise InvalidInput(
-            f"--priority {priority}: choose torque or stiffness; allocate() in Python also takes weights"
-        )
+    asked = _asked(priority, method, solver, min_force)
     machine, balance = options.build(), weight(options)
-    asked: dict[str, Any] = {
-        "priority": priority,
-        "method": Method(method, solver=solver),  # type: ignore[arg-type]  # checked there
-        "limits": Limits(min_force),
-    }
     if isinstance(machine, AntagonistJoint):
         if theta is None or at_least:
             raise InvalidInput("a joint needs --theta; --at-least goes with a --machine of several joints")
@@ -112,6 +102,19 @@ def allocate_command(
         say(console, of_gravity(held), _of_hand(values), values["message"])
     if not success:
         raise typer.Exit(_NOT_MET)
+
+
+def _asked(priority: str, method: str, solver: str | None, min_force: float) -> dict[str, Any]:
+    """Return the arguments of `allocate` beside the machine, its targets and the stiffness."""
+    from allocator.allocation import Method
+    from allocator.joint.limits import Limits
+
+    if priority not in ("torque", "stiffness"):
+        raise InvalidInput(
+            f"--priority {priority}: choose torque or stiffness; allocate() in Python also takes weights"
+        )
+    whole = Method(method, solver=solver)  # type: ignore[arg-type]  # checked there
+    return {"priority": priority, "method": whole, "limits": Limits(min_force)}
 
 
 # --- of one joint ---------------------------------------------------------------------------------------------------
