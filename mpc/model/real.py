@@ -85,7 +85,7 @@ class RealPlant(RealMachine):
             MaxwellSlip.of_width(plant, 5 * DEG),
             dead_time=0.03,
             dead_band=0.1 * BAR,
-            flow=5 * BAR,
+            flow=max(5 * BAR, plant.slew),  # unless told, regulators have to fill as quickly as commands change
             encoder=0.02 * DEG,
             pressure_noise=0.02 * BAR,
             torque_profile=torque_profile,

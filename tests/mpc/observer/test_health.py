@@ -206,6 +206,20 @@ def test_a_joint_that_is_not_what_was_told_is_well(changes):
 
 
 @pytest.mark.compiles
+def test_the_regulators_of_the_usual_real_joint_fill_as_quickly_as_commands_change():
+    """With 5 bar/s for commands of 30 bar/s it was off by 0.9° at 1.3 Hz, and at 1.6 Hz the loop was called ringing."""
+    real = RealPlant.standard((1.0, 1.0), nominal=Plant(JOINTS["Sarosi's muscles"], lag=0.05, slew=30 * BAR))
+    known = real.known()
+    controller = TrackingMPC(real.nominal, DT, 10, weights=Weights.calm(), compensation=known)
+    listener = Listener(KalmanObserver(real.nominal, DT, compensation=known))
+    K = usual_stiffness(real.nominal.joint)
+    asked = sine(amplitude=35 * DEG, K=K, frequency=1.6, duration=4.0, ramp=1.0, dt=DT)
+    run = simulate(real, controller, asked, observer=listener, seed=1)
+    assert all(health.well for health in listener.said)
+    assert np.sqrt(np.mean((run.theta - run.theta_ref) ** 2)) < 0.4 * DEG
+
+
+@pytest.mark.compiles
 def test_a_fault_that_ends_is_forgotten():
     healths = said("Sarosi's muscles", Leak(BEGIN, BEGIN + 0.3, muscle=2), duration=5.5)
     assert not healths[round((BEGIN + 0.3) / DT)].well
