@@ -77,7 +77,7 @@ def _tested(kind: str, model: Plant, known: Compensation, exact: bool) -> Tested
     """
     if kind == NOMINAL:
         return Tested(model if exact and known == Compensation() else RealPlant.of(model, known), known)
-    real, unknown = (RealPlant.standard(nominal=model), "") if kind == REAL else other_plant(model)
+    real, unknown = (RealPlant.standard(nominal=model), "") if kind == REAL else other_plant(model, known=known)
     return Tested(replace(real, **known.told), replace(real.known(), **known.told), unknown)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.muscles import Muscle, Sarosi2012, Wickramatunge2010
 from allocator.units import BAR, DEG, PERCENT
+from mpc.model.compensation import Compensation
 from mpc.model.plant import Plant
 from mpc.model.real import RealPlant
 
@@ -37,12 +38,16 @@ class OtherPlant(NamedTuple):
     unknown: str
 
 
-def other_plant(model: Plant, torque_profile: tuple[tuple[float, float], ...] = ()) -> OtherPlant:
+def other_plant(
+    model: Plant, torque_profile: tuple[tuple[float, float], ...] = (), known: Compensation | None = None
+) -> OtherPlant:
     """Return a plant like `model` with muscles of another force law, and the effects of a real joint.
 
     `torque_profile` has pairs of a time [s] and the external torque [N·m] from then on. The law is Wickramatunge2010,
-    or Sarosi2012 if the model has that one. Raises `InvalidInput` if it cannot be fitted to the model's forces.
+    or Sarosi2012 if the model has that one. The friction and the regulators of the `known` compensation are the
+    plant's. Raises `InvalidInput` if the law cannot be fitted to the model's forces.
     """
+    told = {} if known is None else known.told
     joint = model.joint
     assert joint.angle_limits is not None  # __post_init__ sets them
     theta = np.linspace(*joint.angle_limits, _GRID)
@@ -51,12 +56,12 @@ def other_plant(model: Plant, torque_profile: tuple[tuple[float, float], ...] = 
     lags = LONGER_LAG * model.lags[0], LONGER_LAG * model.lags[1]
     different = replace(joint, agonist=fitted.muscles[0], antagonist=fitted.muscles[1])
     real = RealPlant.standard(torque_profile=torque_profile, nominal=replace(model, joint=different, lag=lags))
-    return OtherPlant(
-        real,
-        f"{fitted.unknown}, {_strengths(real.force_gains)}, a quarter of the friction, lags 20 % longer, "
-        f"flow up to {real.flow / BAR:g} bar/s, encoder steps of {real.encoder / DEG:g}°, "
-        f"{real.pressure_noise / BAR:g} bar of noise",
-    )
+    unknown = [fitted.unknown, _strengths(real.force_gains)]
+    unknown += ["a quarter of the friction"] * ("friction" not in told)
+    unknown += ["lags 20 % longer"] * ("lag_up" not in told and "lag_down" not in told)
+    unknown += [f"flow up to {real.flow / BAR:.3g} bar/s"] * ("flow" not in told)
+    unknown += [f"encoder steps of {real.encoder / DEG:g}°", f"{real.pressure_noise / BAR:g} bar of noise"]
+    return OtherPlant(replace(real, **told), ", ".join(unknown))
 
 
 class Refitted(NamedTuple):

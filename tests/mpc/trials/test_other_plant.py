@@ -5,7 +5,8 @@ import pytest
 
 from allocator import BAR, report_joint
 from allocator.muscles.catalogue import MUSCLES, SAROSI_DMSP_20_400N
-from mpc import Plant
+from mpc import Compensation, Plant
+from mpc.model.friction.dahl import Friction
 from mpc.trials.other_plant import STIFFNESS_BAND, other_plant
 
 
@@ -20,6 +21,16 @@ def test_its_muscles_have_another_law_with_nearly_the_same_forces(muscle):
     error = np.sqrt(np.mean((fitted.force(P, eps) - wanted) ** 2)) / wanted.max()
     assert 0.003 < error < 0.05
     assert type(fitted).__name__ in other.unknown
+
+
+def test_the_differences_are_those_that_a_file_does_not_tell():
+    known = Compensation(friction=Friction(coulomb=0.1), lag_up=0.1, lag_down=0.2)
+    named, told = other_plant(Plant()).unknown, other_plant(Plant(), known=known)
+    for words in ("a quarter of the friction", "lags 20 % longer"):
+        assert words in named
+        assert words not in told.unknown
+    assert (told.plant.friction, told.plant.lag_up, told.plant.lag_down) == (known.friction, 0.1, 0.2)
+    assert "flow up to 5 bar/s" in told.unknown
 
 
 def test_its_law_is_another_one_also_where_the_model_has_the_usual_other_law():
