@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from mpc.model.real_experiment import RealMachine
     from mpc.observer.kalman import KalmanObserver
     from mpc.tracking.controller import TrackingMPC
-    from mpc.trials.margins import Margins
 
 export_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
@@ -210,16 +209,17 @@ def tuning_command(
     say(Console(), f"written: {out}, for a build of the same plant; its README describes its use")
 
 
-def _margins(built: "Built") -> "Margins":
-    """Return the margins of the loop that is exported, at the middle posture."""
+def _margins(built: "Built") -> list[str]:
+    """Return sentences on the margins of the loop that is exported, at the middle posture."""
     from mpc.observer.kalman import KalmanObserver
-    from mpc.trials.margins import linear, linear_model, margins, usual_postures
+    from mpc.trials.margins import UNHELD, linear, linear_model, margins, middle_posture
 
     controller = built.controller
     told, model = linear(controller.compensation), linear_model(controller.plant)
     sliding = replace(controller, plant=model, compensation=told)
     observer = KalmanObserver(model, controller.dt, built.observer.noise, told, compiled=False)
-    return margins(sliding, observer, [usual_postures(controller.plant)[1]])[0]
+    posture = middle_posture(controller.plant)
+    return [UNHELD] if posture is None else margins(sliding, observer, [posture])[0].sentences
 
 
 def _say(built: "Built | None", made: Path, read: str) -> None:
@@ -239,6 +239,6 @@ def _say(built: "Built | None", made: Path, read: str) -> None:
             say(console, f"not known to the controller, since its C has no such numbers: {untold}")
         if built.zero:
             say(console, f"the encoder reads {built.zero / DEG:.4g}° at 0 of the joint: subtract it before every step")
-        say(console, *_margins(built).sentences)
+        say(console, *_margins(built))
     count = sum(path.is_file() for path in made.rglob("*"))
     say(console, f"written: {count} file{'s' * (count != 1)} in {made}; {read}")

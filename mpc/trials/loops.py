@@ -17,7 +17,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.base import BaseController
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import CALM, Weights
-from mpc.trials.margins import Margins, in_range, linear, linear_model, margins, usual_postures
+from mpc.trials.margins import UNHELD, Margins, in_range, linear, linear_model, margins, middle_posture
 from mpc.trials.motions.reference import Reference
 from mpc.trials.robust import robust_weights
 from mpc.trials.simulation import Controller
@@ -149,8 +149,8 @@ def margins_in_words(name: str, settings: Settings, reference: Reference, driver
         return []
     if getattr(driver, "implementation", "compiled") != "compiled":
         return ["margins of the loop are computed once its controller is compiled"]
-    posture = _within_reach(settings.plant, reference) or usual_postures(settings.plant)[1]
-    return sliding_margins(name, settings, [posture])[0].sentences
+    posture = _within_reach(settings.plant, reference) or middle_posture(settings.plant)
+    return [UNHELD] if posture is None else sliding_margins(name, settings, [posture])[0].sentences
 
 
 def _within_reach(plant: Machine, reference: Reference) -> tuple[Value, Value] | None:

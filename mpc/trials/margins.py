@@ -57,6 +57,7 @@ _BRIEFEST, _LONGEST = 0.1, 60.0  # [s]
 _FINE = 8  # resolution of the frequencies relative to 1/LISTEN
 _DECAYED = 1e-2  # [-] of δ at the end; with more, the loop does not settle
 _ALIKE = 1 + 1e-12  # ratio of equal lags; exactly 1 would be a formula compiled separately
+UNHELD = "margins are left out: the machine holds none of its usual postures"
 _SILENT = 1e-3  # [-] of δ at the end of the short response; with more, the long one is needed
 
 
@@ -266,21 +267,29 @@ def linear_model(plant: MachineT) -> MachineT:
 
 
 def usual_postures(plant: Machine) -> list[tuple[Value, Value]]:
-    """Return three postures with the middle of the stiffness of each, at 15, 50 and 85 % of the joint range.
+    """Return up to three postures with the middle of the stiffness of each, at 15, 50 and 85 % of the joint range.
 
     For an arm they are its middle and a quarter of the ranges to both sides, with the stiffness at half the supply.
+    Those that the joint cannot hold against gravity, and of an arm those that are not stable, are left out.
     """
     low, high = plant.angle_limits
     if isinstance(plant, Arm):
         postures = [plant.middle + share * (high - low) for share in (-0.25, 0.0, 0.25)]
         P = np.full(plant.m, np.mean(plant.pressure_limits))
-        return [(q, plant.tracked_stiffness(np.concatenate([q, 0 * q, P]))) for q in postures]
+        found = [(q, plant.tracked_stiffness(np.concatenate([q, 0 * q, P]))) for q in postures]
+        return [(q, K) for q, K in found if np.linalg.eigvalsh(K).min() > 0]
     angles = low + np.array([0.15, 0.5, 0.85]) * (high - low)
     with warnings.catch_warnings():  # only postures are taken from it
         for assumed in (AssumedSlack, Extrapolated):
             warnings.simplefilter("ignore", assumed)
         least, greatest = stiffness_interval(angles, plant.gravity.moment(angles), joint=plant.joint)
     return [(float(a), float(K)) for a, K in zip(angles, (least + greatest) / 2, strict=True) if np.isfinite(K)]
+
+
+def middle_posture(plant: Machine) -> tuple[Value, Value] | None:
+    """Return the one of the `usual_postures` that is nearest to the middle of the ranges, or None without any."""
+    middle = np.mean(plant.angle_limits, axis=0)
+    return min(usual_postures(plant), key=lambda one: float(np.abs(one[0] - middle).max()), default=None)
 
 
 def _at_zeros(values: Array, *along: NDArray[Any]) -> list[NDArray[Any]]:

@@ -19,7 +19,7 @@ from mpc.observer.kalman import KalmanObserver
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.cost import Weights
 from mpc.tracking.qp.step import CompilingBeside, SlowStep
-from mpc.trials.margins import ROBUST, SLACK, linear, linear_model, margins, usual_postures
+from mpc.trials.margins import ROBUST, SLACK, linear, linear_model, margins, middle_posture
 
 QUICKEST, SLOWEST = 0.75, 32.0  # detuning; a faster loop has a delay margin below two samples
 _LISTEN = 1.5  # [s], enough for the peak
@@ -46,11 +46,12 @@ def robust_weights(
 ) -> Weights:
     """Return `Weights.calm(s)` with the s for which the loop's M_s is `sensitivity_peak` at a `posture`.
 
-    A posture is a pair (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; None is the middle of `usual_postures`. The
-    loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt, noise)`, both with `compensation`, `wait`
-    and `compiled`; dt is in seconds. s is limited to 0.75 to 32. If the peak remains higher, as with a long dead time
-    or an observer that is too fast for the joint, the slowest weights are returned with the warning `NotRobust`. Raises
-    `InvalidInput` for a peak that is not above 1, and for values that `TrackingMPC` refuses.
+    A posture is a pair (θ [rad], K [N·m/rad]), (n,) and (k, k) for an arm; None is that of `usual_postures` nearest to
+    the middle. The loop is that of `TrackingMPC(plant, dt, N)` and `KalmanObserver(plant, dt, noise)`, both with
+    `compensation`, `wait` and `compiled`; dt is in seconds. s is limited to 0.75 to 32. If the peak remains higher, as
+    with a long dead time or an observer that is too fast for the joint, the slowest weights are returned with the
+    warning `NotRobust`. Raises `InvalidInput` for a peak that is not above 1, for a machine that holds none of these
+    postures, and for values that `TrackingMPC` refuses.
     """
     check_machine(plant)
     checks.instance("compensation", compensation, Compensation | None, "a Compensation")
@@ -58,7 +59,9 @@ def robust_weights(
     if not wanted > 1:
         raise InvalidInput(f"sensitivity_peak = {wanted:g} has to be above 1, which no loop with a lag stays below")
     model, told = linear_model(plant), linear(compensation or Compensation())
-    place = posture or usual_postures(plant)[1]
+    place = posture or middle_posture(plant)
+    if place is None:
+        raise InvalidInput("robust_weights: the machine holds none of its usual postures; give a posture")
 
     def excess(s: float) -> float:
         """Return log((M_s - 1)/(wanted - 1)); infinite for a loop that does not settle."""

@@ -13,8 +13,10 @@ from mpc import Arm, Compensation, KalmanObserver, Plant, TrackingMPC
 from mpc.model.friction.dahl import Friction
 from mpc.model.real import RealArm, RealPlant
 from mpc.tracking.cost import Weights
-from mpc.trials.loops import Settings, loop, sliding_margins
-from mpc.trials.margins import LISTEN, Margins, margins, usual_postures
+from mpc.trials import hold
+from mpc.trials.loops import Settings, loop, margins_in_words, sliding_margins
+from mpc.trials.margins import LISTEN, UNHELD, Margins, margins, middle_posture, usual_postures
+from mpc.trials.robust import robust_weights
 
 pytestmark = pytest.mark.compiles
 
@@ -202,3 +204,22 @@ def test_the_sum_of_dead_time_and_reading_age_counts():
         (one,) = sliding_margins("mpc", Settings(PLANT, DT, compensation=told, weights=CALM), [POSTURE])
         peaks.append((one.sensitivity_peak, one.peak_frequency))
     assert peaks[1] == pytest.approx(peaks[0], rel=0.01)
+
+
+def test_a_joint_that_gravity_keeps_from_its_ends_has_margins_in_the_middle():
+    heavy = Plant(gravity_torque=9.0, hanging_angle=0.5)
+    assert len(usual_postures(heavy)) == 1
+    theta, K = middle_posture(heavy)
+    assert theta == pytest.approx(0.0)
+    assert K == usual_postures(heavy)[0][1]
+
+
+def test_postures_of_an_arm_that_are_not_stable_are_left_out(monkeypatch):
+    arm = Arm.machine("arm26")
+    assert middle_posture(arm)[0] == pytest.approx(arm.middle)
+    monkeypatch.setattr(Arm, "tracked_stiffness", lambda self, x: np.diag([-1.0, 2.0]))
+    assert usual_postures(arm) == []
+    settings = Settings(arm, DT)
+    assert margins_in_words("mpc", settings, hold(arm, 1.0), loop("mpc", settings)[0]) == [UNHELD]
+    with pytest.raises(InvalidInput, match="none of its usual postures"):
+        robust_weights(arm, DT)
