@@ -17,7 +17,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm, save_arm
 from mpc.model.compensation import Compensation
 from mpc.model.friction.dahl import Friction
-from mpc.track_cli.arm import _dry_friction
+from mpc.track_cli.arm import _dry_friction, _other
 from mpc.tracking.qp.step import SlowStep
 from mpc.trials.files import load_recording
 from mpc.trials.motions import arm_trajectories as references
@@ -124,6 +124,16 @@ def test_a_stranger_s_model_is_moved_and_drawn(folder, brief):
     with (folder / "run.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert abs(float(rows[-1]["elbow_deg"]) - float(rows[-1]["elbow_ref_deg"])) < 0.1
+
+
+def test_the_other_plant_of_an_arm_with_gas_holds_some_in_every_muscle():
+    arm = replace(Arm.machine("arm26"), gas=True)
+    other, _ = _other(arm)
+    for muscle, own, length in zip(
+        other.mechanism.muscles, arm.mechanism.muscles, arm.mechanism.routes.rest_length, strict=True
+    ):
+        assert type(muscle) is not type(own)
+        assert 0.5 < muscle.volume_at_rest(length) / own.volume_at_rest(length) < 2
 
 
 def test_a_loop_that_knows_half_of_the_dry_friction_says_so():
