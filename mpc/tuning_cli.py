@@ -165,7 +165,7 @@ def _describe(tuned: "Tuned", judged: "tuple[Evaluation, Evaluation] | None", co
         for row in tuned.rows(pair):
             table.add_row(*map(escape, row))
         console.print(table)
-    say(console, tuned.tuning.summary, tuned.note, tuned.warning and f"beware: {tuned.warning}")
+    say(console, "" if tuned.stays else tuned.tuning.summary, tuned.note, tuned.warning and f"beware: {tuned.warning}")
 
 
 @contextmanager

@@ -67,7 +67,8 @@ def figures(stranger: Stranger, model: Model, controller: str, case: Case, paylo
     """Return those of one run."""
     settings = Settings(model.plant, DT, compensation=model.told)
     if model.tuned:
-        settings = tuned(f"{stranger.structure}-{stranger.seed}", controller, settings, model.spreads, K)
+        name = f"{stranger.structure}-{stranger.seed}"
+        settings = tuned(name, controller, settings, model.spreads, K, case.reference)
     else:
         settings = robust(controller, settings, case.reference)
     control, observer = loop(controller, settings)

@@ -347,16 +347,10 @@ class _Loop:
         rad/s², for as long as the last response.
         """
         readings, angles = self._quiet
-        still, M = np.zeros(self.n), self._inertia()
+        still, M = np.zeros(self.n), mass_matrix(self.controller.plant, self.theta)
         pulse = DELTA / self.dt**2  # [rad/s²], which turns a joint by about DELTA
         found = [self._run(len(readings), still, pulse * column)[1] - angles for column in M.T]
         return np.asarray(np.stack(found, axis=2) / pulse)
-
-    def _inertia(self) -> Array:
-        """Return the mass matrix (n, n) [kg·m²]."""
-        plant, theta, still = self.controller.plant, np.atleast_1d(self.theta), np.zeros(self.n)
-        rest = plant.torque_for(theta, still, still)
-        return np.stack([plant.torque_for(theta, still, unit) - rest for unit in np.eye(self.n)], axis=1)
 
     def _run(self, samples: int, delta: Array, torque: Array) -> tuple[Array, Array]:
         """Return readings and angles (samples, n) from the sample on whose readings are disturbed by `delta` (n,) [rad]
@@ -376,6 +370,13 @@ class _Loop:
             u = controller.step(x, self.theta, self.K, d).u[0]
             trial.advance(u, torque * (k == first))
         return np.array(readings[first:]), np.array(angles[first:])
+
+
+def mass_matrix(plant: Machine, theta: Value) -> Array:
+    """Return the mass matrix (n, n) [kg·m²] at the angles `theta` [rad], (n,) for an arm."""
+    q, still = np.atleast_1d(theta), np.zeros(plant.n)
+    rest = plant.torque_for(q, still, still)
+    return np.stack([plant.torque_for(q, still, unit) - rest for unit in np.eye(plant.n)], axis=1)
 
 
 def _beginner(controller: BaseController, x: Array) -> Callable[[], Experiment]:

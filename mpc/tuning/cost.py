@@ -2,7 +2,8 @@
 
     cost of a draw = mean RMS error over the legs of the tour [°] + CHATTER · mean |u'| at rest [bar/s]
                      + STIFFNESS · RMS error of K over K
-    objective      = mean of that over the draws, subject to M_s ≤ 2 on the model and ≤ 3 on the draws
+    objective      = mean of that over the draws, subject to M_s ≤ 2 on the model and ≤ 3 on the draws, and to an
+                     inertia margin on the model of 3, or that of the defaults if it is less
 
 For an arm the errors are those of the worst joint, and the Frobenius norm of the error of K over that of K.
 
@@ -11,7 +12,11 @@ of them; M_s on the draws is their 80 % quantile. The limit of the draws is `OF_
 on the model is a margin kept for machines that differ from it. On identified joints of other structures, loops tuned
 with M_s ≤ 2 on the draws and for the 80 % quantile of the cost had errors 1.1 to 1.5 times those of the defaults.
 
-A loop whose M_s is x > 1 times its limit is charged `BEYOND` (1 - 1/x), which makes it worse than any useful loop
+The payload of the tour is a torque without inertia; the inertia margin stands for its inertia. Without that limit a
+tuned loop became unstable when a joint of another structure took up its payload. A larger `CHATTER` chose slower loops
+for quieter commands, whose errors on such joints were up to 2.5 times those of the defaults.
+
+A loop that exceeds a limit x > 1 times is charged `BEYOND` (1 - 1/x), which makes it worse than any useful loop
 within the limits and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
 """
 
@@ -38,11 +43,12 @@ from mpc.tuning.robustness import Listening, quick_loop
 from mpc.tuning.tour import Tour
 
 QUANTILE = 0.8  # of M_s over the draws
-CHATTER = 0.1  # [°] per bar/s
+CHATTER = 0.02  # [°] per bar/s
 STIFFNESS = 2.0  # [°] per 100 % of K
 OF_DRAWS = 1.5  # limit of M_s on draws, over that on the model
+BEARS = 3.0  # least inertia margin on the model [-], unless that of the defaults is less
 BEYOND = 50.0  # [°]
-FAR = 1.5  # ratio of M_s to its limit from which a loop is not simulated
+FAR = 1.5  # ratio to a limit from which a loop is not simulated
 THROWN = 45.0  # [°] greatest cost of a leg, for a joint that is thrown about
 
 
@@ -63,10 +69,11 @@ class Evaluation(NamedTuple):
     """Figures of a tuning over all draws."""
 
     tuning: Tuning
-    draws: tuple[Figures, ...]  # none of a loop far beyond the limit of M_s
+    draws: tuple[Figures, ...]  # none of a loop far beyond the limits
     nominal: tuple[Margins, ...]  # by posture
     peaks: tuple[float, ...]  # M_s of each draw
     limit: float  # of M_s on the model
+    bears: float = 0.0  # limit of the inertia margin
 
     @property
     def error(self) -> float:
@@ -85,8 +92,14 @@ class Evaluation(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """M_s over its limit [-], on the model or on the draws, whichever is greater."""
-        return max(self.sensitivity_peak - SLACK, self.peak_of_draws / OF_DRAWS) / self.limit
+        """The greatest ratio to a limit [-]: of M_s on the model and on the draws, and of the inertia margin."""
+        peak = max(self.sensitivity_peak - SLACK, self.peak_of_draws / OF_DRAWS) / self.limit
+        return max(peak, self.bears / self.inertia_margin)
+
+    @property
+    def inertia_margin(self) -> float:
+        """The least inertia margin on the model [-]."""
+        return min(m.inertia_margin for m in self.nominal)
 
     @property
     def delay_margin(self) -> float:
@@ -95,7 +108,7 @@ class Evaluation(NamedTuple):
 
     @property
     def robust(self) -> bool:
-        """Whether M_s is within its limits."""
+        """Whether the loop keeps the limits."""
         return self.excess <= 1
 
     @property
@@ -161,7 +174,8 @@ class Problem:
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out compiled functions."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("plants", "_made", "_listening")}
+        made = "plants", "_made", "_listening"
+        return {name: value for name, value in self.__dict__.items() if name not in made}
 
     @cached_property
     def _made(self) -> Compiled:
@@ -171,11 +185,17 @@ class Problem:
     def _listening(self) -> Listening:
         return Listening(self.settings, self.draws, self.tour)
 
+    @cached_property
+    def _bears(self) -> float:
+        """Limit of the inertia margin [-]."""
+        usual, _ = self._listening.margins(self.controller, self.settings)
+        return min(BEARS, *(m.inertia_margin for m in usual))
+
     def evaluated(self, tuning: Tuning, always: bool = False) -> Evaluation:
-        """Return the evaluation of a tuning; `always` also simulates loops far beyond the limit of M_s."""
+        """Return the evaluation of a tuning; `always` also simulates loops far beyond the limits."""
         settings = tuning.applied(self.settings)
         nominal, peaks = self._listening.margins(self.controller, settings)
-        margins = Evaluation(tuning, (), nominal, peaks, self.limit)
+        margins = Evaluation(tuning, (), nominal, peaks, self.limit, self._bears)
         if margins.excess > FAR and not always:
             return margins
         controller, observer = quick_loop(self.controller, settings)

@@ -10,6 +10,7 @@ from allocator.files.atomic import write_text
 from allocator.files.text import FilePath
 from allocator.files.toml import Table
 from allocator.presentation.tables import html_table
+from mpc.model.plant import Plant
 from mpc.trials.tuned import TABLE, Tuning
 from mpc.tuning.cost import OF_DRAWS, Evaluation, Problem
 
@@ -35,30 +36,36 @@ class Tuned:
         return best if best.objective < (1 - WORTH) * self.before.objective else self.before
 
     @property
+    def stays(self) -> bool:
+        """Whether the defaults stay."""
+        return self.after is self.before
+
+    @property
     def tuning(self) -> Tuning:
         """The numbers that were found."""
         return self.after.tuning
 
     @property
     def warning(self) -> str:
-        """A sentence if no tuning keeps the limits of M_s, or ""."""
+        """A sentence if no tuning keeps the limits, or ""."""
         if self.after.robust:
             return ""
         return (
             f"no tuning kept M_s at or below {self.problem.limit:g} on the model and {OF_DRAWS * self.problem.limit:g} "
-            f"on the draws (at best {self.after.excess:.2f} times that): try more evaluations, or shorten the dead time"
+            f"on the draws, and the inertia margin at {self.after.bears:.1f} or above (at best {self.after.excess:.2f} "
+            "times off): try more evaluations, or shorten the dead time"
         )
 
     @property
     def note(self) -> str:
-        """A sentence if the defaults stay, or if a tuning keeps the limits of M_s at the expense of accuracy, or ""."""
-        if self.after is self.before:
+        """A sentence if the defaults stay, or if a tuning keeps the limits at the expense of accuracy, or ""."""
+        if self.stays:
             gain = 1 - min(one.objective for one in self.evaluations) / self.before.objective
             better = f"the best tuning found lowers their cost by only {gain:.1%}" if gain else "no tuning was better"
             return f"the defaults stay: {better}"
         if not self.after.robust or self.after.error <= self.before.error:
             return ""
-        return f"the defaults are more accurate, with M_s {self.before.excess:.2f} times its limit"
+        return f"the defaults are more accurate, but exceed a limit {self.before.excess:.2f} times"
 
     def judged(self, seed: int) -> tuple[Evaluation, Evaluation]:
         """Return the evaluations of the defaults and of the tuning on as many draws of another `seed`."""
@@ -89,9 +96,11 @@ class Tuned:
     def save(self, plant: FilePath, out: FilePath) -> None:
         """Write the plant's file `plant` with the table [tuning] to `out`, everything else as it stands.
 
+        If the defaults of a joint stay, it is written without the table, since `track` suits them to the motion.
         Raises `InvalidFile` and `CannotWrite`.
         """
-        write_text(out, with_tuning(plant, self.tuning))
+        usual = self.stays and isinstance(self.problem.settings.plant, Plant)
+        write_text(out, with_tuning(plant, None if usual else self.tuning))
 
     def __repr__(self) -> str:
         """Return the gain in words."""
@@ -106,15 +115,15 @@ class Tuned:
         return html_table(repr(self), ((name, f"{before} → {after}") for name, before, after in self.rows()))
 
 
-def with_tuning(path: FilePath, tuning: Tuning) -> str:
-    """Return the text of a plant's file with the table [tuning], which replaces an existing one.
+def with_tuning(path: FilePath, tuning: Tuning | None) -> str:
+    """Return the text of a plant's file with the table [tuning], which replaces an existing one; None: without one.
 
     Raises `InvalidFile` if the existing one is not a table of its own.
     """
     Table.read(path)
     text = Path(path).read_text(encoding="utf-8-sig")
     kept = re.sub(rf"(?ms)^\[{TABLE}\].*?(?=^\[|\Z)", "", text).rstrip("\n") + "\n"
-    made = kept + "\n".join(tuning.lines()) + "\n"
+    made = kept if tuning is None else kept + "\n".join(tuning.lines()) + "\n"
     if TABLE in Table.parsed(path, kept).entries:
         raise InvalidFile(path, f"[{TABLE}] is not written as a table; remove it")
     Table.parsed(path, made)
@@ -133,6 +142,7 @@ def _words(e: Evaluation, motions: Sequence[str]) -> dict[str, str]:
         "stiffness error, RMS [%]": f"{100 * e.K_error:.1f}",
         "M_s on the model": f"{e.sensitivity_peak:.2f}",
         "M_s on the draws, 80 % quantile": f"{e.peak_of_draws:.2f}",
+        "inertia margin on the model": f"{e.inertia_margin:.1f}",
         "delay margin on the model [ms]": f"{1e3 * e.delay_margin:.0f}",
     }
 
@@ -146,5 +156,6 @@ def _figures(e: Evaluation) -> dict[str, object]:
         "K_error": e.K_error,
         "sensitivity_peak": e.sensitivity_peak,
         "sensitivity_peak_of_draws": e.peak_of_draws,
+        "inertia_margin": e.inertia_margin,
         "delay_margin_s": e.delay_margin,
     }

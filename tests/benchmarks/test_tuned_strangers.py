@@ -7,12 +7,14 @@ import pytest
 from benchmarks.strangers import tuned as kept
 from benchmarks.strangers.identified import data_sheet
 from benchmarks.strangers.plants import TUNING, drawn
+from benchmarks.strangers.runs import CASES
 from mpc import tune
 from mpc.trials.loops import Settings
 from mpc.trials.tuned import Tuning
 from mpc.tuning.draws import Spreads, draws, payloads
 
 K = 5.0
+REFERENCE = CASES["sine"].reference
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +26,8 @@ def test_a_tuning_that_is_kept_is_taken_for_the_same_model_alone(model, tmp_path
     asked = []
 
     class Found:
+        stays = False
+
         def __init__(self, settings, controller):
             start = Tuning.start(controller, settings)
             self.tuning = Tuning(controller, {name: 0.9 * value for name, value in start.numbers.items()})
@@ -35,14 +39,18 @@ def test_a_tuning_that_is_kept_is_taken_for_the_same_model_alone(model, tmp_path
     monkeypatch.setattr(kept, "KEPT", tmp_path)
     monkeypatch.setattr(kept, "tune", tuned)
     settings = Settings(model.plant, compensation=model.told)
-    first, second = (kept.tuned("tips-1001", "pid", settings, Spreads(), K) for _ in range(2))
+    first, second = (kept.tuned("tips-1001", "pid", settings, Spreads(), K, REFERENCE) for _ in range(2))
     assert first.gains == second.gains
     assert asked == ["pid"]
     assert first.gains.proportional == pytest.approx(0.9 * 2.26)
     heavier = settings._replace(plant=replace(model.plant, inertia=2 * model.plant.inertia))
-    kept.tuned("tips-1001", "pid", heavier, Spreads(), K)
+    kept.tuned("tips-1001", "pid", heavier, Spreads(), K, REFERENCE)
     assert asked == ["pid", "pid"]
-    assert kept.tuned("tips-1001", "feedforward", settings, Spreads(), K) == settings
+    assert kept.tuned("tips-1001", "feedforward", settings, Spreads(), K, REFERENCE) == settings
+    Found.stays = True
+    assert kept.tuned("tips-1002", "pid", settings, Spreads(), K, REFERENCE) == settings
+    assert kept.tuned("tips-1002", "pid", settings, Spreads(), K, REFERENCE) == settings
+    assert asked == ["pid", "pid", "pid"]
 
 
 @pytest.mark.slow

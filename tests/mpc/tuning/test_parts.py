@@ -12,7 +12,7 @@ from mpc import Compensation, Plant
 from mpc.trials.loops import Settings, loop
 from mpc.trials.margins import Margins
 from mpc.trials.tuned import TUNABLE, Tuning
-from mpc.tuning.cost import Evaluation, Figures
+from mpc.tuning.cost import Evaluation, Figures, Problem
 from mpc.tuning.draws import LEAST, Spreads, draws, payloads
 from mpc.tuning.result import Tuned, with_tuning
 from mpc.tuning.tour import MOTIONS, Tour
@@ -117,6 +117,18 @@ def test_a_tuning_goes_through_a_plants_file_and_leaves_the_rest_alone(tmp_path)
     assert pickle.loads(pickle.dumps(tuning)) == tuning
 
 
+def test_a_joint_whose_defaults_stay_gets_no_table(tmp_path):
+    """With a table its weights would be those of one posture, whatever the motion."""
+    path, out = tmp_path / "plant.toml", tmp_path / "out.toml"
+    path.write_text(FILE + "[tuning]  # an old one\ncontroller = 'pid'\n")
+    problem = Problem("mpc", USUAL, (), (), Tour.of(PLANT, 0.01, 5.0), Spreads())
+    for rms, stays in ((0.95, True), (0.8, False)):
+        found = Tuned(problem, (tried(1.0), tried(rms)))
+        found.save(path, out)
+        assert (found.stays, Tuning.load(out) is None) == (stays, stays)
+        assert out.read_text().startswith(FILE)
+
+
 def tried(rms, echo=0.0, at=50, peaks=(1.5,)):
     """M_s on the model depends on the response to a disturbed reading: 1 + `echo`, if that is not at the end."""
     response = Margins.of(0.0, 5.0, np.array([1.0, *(echo if k == at else 0.0 for k in range(1, 100))]), 0.01)
@@ -129,7 +141,7 @@ def test_a_tuning_that_keeps_the_limit_tells_what_it_costs():
         return Tuned(None, evaluations).note
 
     assert not tried(1.0, echo=9.0).robust
-    assert note(tried(1.0, echo=9.0), tried(1.2)).startswith("the defaults are more accurate, with M_s ")
+    assert note(tried(1.0, echo=9.0), tried(1.2)).startswith("the defaults are more accurate, but exceed a limit ")
     assert note(tried(1.0, echo=9.0), tried(0.8)) == ""
     assert note(tried(1.0), tried(0.8)) == ""
 

@@ -19,6 +19,7 @@ from mpc.trials.margins import linear, margins
 from mpc.trials.tuned import Tuning
 from mpc.tuning.cost import THROWN
 from mpc.tuning.picture import plot_tuned
+from mpc.tuning.result import with_tuning
 from mpc.tuning.robustness import Listening
 
 mpl.use("Agg")
@@ -51,9 +52,10 @@ def test_the_tuning_is_never_worse_than_the_defaults(tuned):
 
 
 @pytest.mark.compiles
-def test_a_loop_beyond_the_limit_of_m_s_is_charged_for_it(tuned):
+def test_a_loop_beyond_a_limit_is_charged_for_it(tuned):
     for one in tuned.evaluations:
-        assert (one.objective > one.error) == (one.sensitivity_peak > 2.1 or one.peak_of_draws > 3.0)
+        within = one.sensitivity_peak <= 2.1 and one.peak_of_draws <= 3.0 and one.inertia_margin >= one.bears
+        assert (one.objective > one.error) != within
         assert bool(one.draws) or one.error == THROWN
     assert tuned.after.robust == (not tuned.warning)
 
@@ -90,6 +92,16 @@ def test_margins_of_compiled_runs_are_those_of_the_readable_loop(tuned):
     for ours, theirs in zip(found, margins(*parts, tour.postures), strict=True):
         assert (ours.theta, ours.K) == (theirs.theta, theirs.K)
         assert ours.sensitivity_peak == pytest.approx(theirs.sensitivity_peak, rel=0.02)
+        assert ours.inertia_margin == pytest.approx(theirs.inertia_margin, rel=0.02)
+
+
+@pytest.mark.compiles
+def test_a_tuning_bears_three_times_the_inertia_or_as_much_as_the_defaults(tuned):
+    assert {one.bears for one in tuned.evaluations} == {min(3.0, tuned.before.inertia_margin)}
+    quick = Tuning("mpc", {**tuned.before.tuning.numbers, "omega_error": 1.0, "theta_error": 0.0005})
+    found = tuned.problem.evaluated(quick, always=True)
+    assert found.inertia_margin < found.bears
+    assert not found.robust
 
 
 @pytest.mark.compiles
@@ -117,7 +129,7 @@ def tune_draws(tuned, n):
 
 
 @pytest.mark.compiles
-def test_the_command_writes_a_plant_that_track_takes(mine, tmp_path):
+def test_the_command_writes_the_plant_with_what_it_found(mine, tmp_path):
     before = mine.read_text()
     out, picture = tmp_path / "tuned.toml", tmp_path / "tuning.png"
     small = ["--evaluations", "2", "--draws", "1", "--workers", "1"]
@@ -128,19 +140,27 @@ def test_the_command_writes_a_plant_that_track_takes(mine, tmp_path):
     assert "M_s on the model" in result.output
     assert "M_s on the draws" in result.output
     assert "delay margin on the model [ms]" in result.output
+    assert "inertia margin on the model" in result.output
     assert mine.read_text() == before
     assert out.read_text().startswith(before)
     assert picture.stat().st_size > 1000
+    assert ("the defaults stay" in result.output) == (Tuning.load(out) is None)
+    result = CliRunner().invoke(app, ["tune", "--machine", str(mine), "--in-place", *small])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "plant.toml.before-tuning").read_text() == before
+    assert Tuning.load(mine) == Tuning.load(out)
+
+
+@pytest.mark.compiles
+def test_track_takes_a_tuning_for_its_own_controller_alone(mine, tmp_path):
+    out = tmp_path / "tuned.toml"
+    out.write_text(with_tuning(mine, Tuning.start("mpc", Settings(PLANT))))
     files = ["--out", str(tmp_path / "run.csv"), "--plant", "real"]
     tracked = CliRunner().invoke(app, ["track", "steps", "--machine", str(out), *files])
     assert tracked.exit_code == 0, tracked.output
     assert "tuning of mpc for this plant: theta error" in tracked.output
     other = CliRunner().invoke(app, ["track", "steps", "--machine", str(out), "--controller", "pid", "--force", *files])
     assert "tuning of" not in other.output
-    result = CliRunner().invoke(app, ["tune", "--machine", str(mine), "--in-place", *small])
-    assert result.exit_code == 0, result.output
-    assert (tmp_path / "plant.toml.before-tuning").read_text() == before
-    assert Tuning.load(mine) == Tuning.load(out)
 
 
 @pytest.mark.slow
