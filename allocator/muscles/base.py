@@ -157,7 +157,11 @@ class Muscle(ABC):
 
     @abstractmethod
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F(P, ε) [N] by the formula, of unchecked arguments: models define it, and loops call it."""
+        """Return F(P, ε) [N] by the formula, of unchecked arguments: models define it, and loops call it.
+
+        It has to give a number at all contractions that a joint reaches, and to rise with the pressure up to
+        `max_pressure` where the muscle is taut.
+        """
 
     @abstractmethod
     def gain(self, P: Value, eps: Value) -> Value:
