@@ -316,7 +316,9 @@ class BoxAllocation(Allocation):
         elif not self.stiffness_met:
             missed.append(f"asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad")
         if self.endpoint is not None and self.mechanism.affine and self.gap > _PROVED:
-            missed.append("a local optimum, which does not exclude a nearer one: there are more joints than coordinates")
+            missed.append(
+                "a local optimum, which does not exclude a nearer one: there are more joints than coordinates"
+            )
         if not self.holds:
             missed.append(f"the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad")
         return missed

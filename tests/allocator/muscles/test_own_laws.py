@@ -1,5 +1,6 @@
 """Force laws of a user: derivatives of derivatives, laws without a number, forces that fall with the pressure."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +89,12 @@ def test_no_answer_where_the_law_gives_no_number(theta: Value, limits: Limits) -
     assert allocate(0.5, 4.0, joint=joint).success
     with pytest.raises(InvalidInput, match=r"force law of agonist \(FunctionMuscle\) gives no number .* 0\.2"):
         allocate(theta, 4.0, joint=joint, limits=limits)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered in sqrt:RuntimeWarning")
+def test_monotonicity_names_the_contractions_without_a_number() -> None:
+    failure = monotonicity_failure(ENDING, 5 * BAR, (0.0, 0.3))
+    assert re.fullmatch(r"the law gives no number at contractions within ε = 0\.20\d–0\.300", failure)
 
 
 @pytest.mark.filterwarnings("ignore:invalid value encountered in sqrt:RuntimeWarning")
