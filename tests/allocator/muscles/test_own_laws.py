@@ -9,7 +9,7 @@ import pytest
 from allocator import AntagonistJoint, InvalidInput, Limits, Pulley, Status, Stiffness, allocate, stiffness_interval
 from allocator.calculus import Value, derivative, exp, log, sin, sqrt
 from allocator.mechanism import Mechanism, Pulleys
-from allocator.muscles import FunctionMuscle, Muscle, TonduLopez1995, monotonicity_failure
+from allocator.muscles import Cabled, FunctionMuscle, Muscle, TableMuscle, TonduLopez1995, monotonicity_failure
 from allocator.units import BAR, DEG
 
 P_C, P_T, AREA, WALL = 0.25 * BAR, 0.5 * BAR, 3.2e-3, 700.0
@@ -127,3 +127,16 @@ def test_a_muscle_beyond_its_greatest_contraction_is_not_filled(muscle: Muscle, 
     batch = allocate(np.array([1.5]), 3.0, T, joint=joint)
     np.testing.assert_array_equal(batch.P[0], a.P)
     assert np.isnan(stiffness_interval(1.5, 10.0, joint=joint)).all()
+
+
+def test_answers_beyond_the_knots_of_a_table_are_reported() -> None:
+    knots = np.linspace(0.0, 0.2, 5)
+    table = TableMuscle(tuple(knots), tuple(3e-3 * (1 - knots / 0.3)), tuple(-50 * knots))
+    for muscle in (table, Cabled(table, cable_stiffness=1e6, rest_length=0.3)):
+        joint = joint_of(muscle)
+        assert allocate(1.0, 3.0, joint=joint).assumed == ""
+        joint = joint_of(muscle, 0.15)
+        assert allocate(0.9, 3.0, joint=joint).assumed == (
+            "the force is extrapolated beyond what was measured: agonist (measured at contractions of 0 to 0.2)"
+        )
+        assert "in 1 of 2 points" in allocate(np.array([0.0, 0.9]), 3.0, joint=joint).message
