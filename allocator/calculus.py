@@ -7,6 +7,7 @@ differentiation for symbols.
 
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
+from threading import local
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,6 +21,16 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 _NEWTON_STEPS = 60
 _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as small as one likes
+_NESTED = 3e-4  # of the difference quotient: errors of its truncation and of rounding are alike
+
+
+class _Steps(local):
+    """Complex steps that this thread is taking: derivatives whose formula is being evaluated."""
+
+    taken = 0
+
+
+_steps = _Steps()
 
 
 def is_symbol(x: Value) -> bool:
@@ -65,9 +76,19 @@ def least(x: Value, y: Value) -> Value:
 
 
 def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
-    """Return `formula'(x)`, element by element; the formula must be analytic (no `abs`, no `where` on its value)."""
+    """Return `formula'(x)`, element by element; the formula must be analytic (no `abs`, no `where` on its value).
+
+    Within the formula of another derivative, whose complex step fills the imaginary part, it is the difference quotient
+    over x ± 2h with h = 3e-4 max(1, |x|).
+    """
     if not is_symbol(x):
-        return formula(x + _STEP * 1j).imag / _STEP
+        if _steps.taken and np.iscomplexobj(formula(x)):
+            return five_point(formula, x, _NESTED * np.maximum(1.0, np.abs(np.real(x))))
+        _steps.taken += 1
+        try:
+            return formula(x + _STEP * 1j).imag / _STEP
+        finally:
+            _steps.taken -= 1
     import casadi
 
     s = type(x).sym("s")

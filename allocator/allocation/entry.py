@@ -128,8 +128,8 @@ def allocate(
     InvalidInput
         For an invalid argument: NaN, K ≤ 0 or not positive definite, degrees for radians, bar for Pa, shapes that do
         not fit, contradictory limits; for a pull without a closed form of "exact"; for invalid valves, frequencies or
-        lags, and for gas in a muscle of unknown volume (`Muscle.rest_volume`); for mechanisms of muscles with a force
-        that does not rise with the pressure, and if an endpoint's Jacobian is singular.
+        lags, and for gas in a muscle of unknown volume (`Muscle.rest_volume`); for a force law that gives no number at
+        the posture, or a force that falls again with the pressure; and if an endpoint's Jacobian is singular.
     MissingBackend
         For an unknown method or solver; the message lists the available ones.
     """

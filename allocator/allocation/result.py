@@ -118,7 +118,7 @@ class Allocation(ABC):
 
         Muscles fitted to forces are extrapolated beyond the contractions and pressures at which they were measured.
         """
-        return extrapolation(Visit(s.name, s.muscle.measured, s.contraction, P) for s, P in self._pulling)
+        return extrapolation(Visit(s.name, s.muscle.region, s.contraction, P) for s, P in self._pulling)
 
     @property
     def message(self) -> str:

@@ -22,7 +22,7 @@ from allocator.errors import InvalidInput
 from allocator.joint import gas as trapped
 from allocator.joint.felt import Loop, Secant, loss_factor
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
-from allocator.joint.geometry import Geometry, Pulley
+from allocator.joint.geometry import Geometry, Pulley, check_routes
 from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.hysteresis import PrandtlIshlinskii, after_history, nearest_equilibrium
 from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
@@ -88,6 +88,7 @@ class AntagonistJoint:
                 f"no joint angle keeps both contractions above min_contraction = {self.min_contraction:g} "
                 "within the angle limits"
             )
+        check_routes(self.geometry, left, right)
 
     def __repr__(self) -> str:
         laws = " and ".join(dict.fromkeys(type(muscle).__name__ for muscle in (self.agonist, self.antagonist)))

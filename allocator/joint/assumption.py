@@ -1,7 +1,7 @@
 """Assumptions of an answer that the joint's data have not confirmed.
 
 There are three: slack limits that the joint's fit could not identify (`AntagonistJoint.slack_assumed`), muscle forces
-beyond the measured contractions and pressures (`Muscle.measured`), and volumes of gas if neither a radius nor a volume
+beyond the measured contractions and pressures (`Muscle.region`), and volumes of gas if neither a radius nor a volume
 is given.
 """
 
@@ -40,12 +40,12 @@ def assumptions(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: Arr
 
 def visits(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: ArrayLike) -> tuple[Visit, ...]:
     """Return the contractions and pressures of measured muscles at these angles [rad] and pressures [Pa]."""
-    if joint.agonist.measured is None and joint.antagonist.measured is None:
+    if joint.agonist.region is None and joint.antagonist.region is None:
         return ()
     return tuple(
-        Visit(side.name, side.muscle.measured, side.contraction, P)
+        Visit(side.name, side.muscle.region, side.contraction, P)
         for side, P in zip(joint.sides(theta), (P1, P2), strict=True)
-        if side.muscle.measured is not None
+        if side.muscle.region is not None
     )
 
 

@@ -21,11 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array, Spline, Value, cos, derivative, increasing_root, sin, sqrt
+from allocator.calculus import STEP, Array, Spline, Value, cos, derivative, increasing_root, sin, sqrt
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
 _SHORTEST = 1e-6  # [m]
+_CHECKED = 33  # angles between the ends of the joint
+_QUOTIENT = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12  # as `five_point`
+_UNLIKE = 1e-3  # of the greatest arm: a greater difference is no error of a difference quotient
 _LONGEST = 10.0  # [m] of a joint's dimensions; more is in millimetres
 
 
@@ -39,7 +42,10 @@ class Routing(NamedTuple):
 
 @dataclass(frozen=True)
 class Geometry(ABC):
-    """Mechanism between two muscles of the same rest length and one joint. Immutable."""
+    """Mechanism between two muscles of the same rest length and one joint. Immutable.
+
+    A joint refuses one with arms that contradict its contraction, or are not positive within the joint range.
+    """
 
     rest_length: float  # l0 [m], of both muscles
 
@@ -210,6 +216,31 @@ class Table(Geometry):
     def reach(self) -> tuple[float, float]:
         """Sampled angles."""
         return (float(self.theta[0]), float(self.theta[-1]))
+
+
+def check_routes(geometry: Geometry, left: float, right: float) -> None:
+    """Check arms and slopes of a geometry between two angles [rad]: positive arms, and derivatives of the contraction.
+
+    Raises `InvalidInput`. Derivatives are compared at most of the angles, since they may jump at a few.
+    """
+    h = STEP * (right - left)
+    theta = np.linspace(left, right, _CHECKED + 2)[1:-1] + h * np.arange(-2, 3)[:, None]
+    for name, route, sign in (("agonist", geometry.agonist, 1), ("antagonist", geometry.antagonist, -1)):
+        what = f"{type(geometry).__name__}: the {name}"
+        length, arm, slope = (np.broadcast_to(value, theta.shape) for value in route(theta))
+        if not (arm > 0).all():
+            wrong = tuple(np.argwhere(~(arm > 0))[0])
+            raise InvalidInput(
+                f"{what} has the moment arm {arm[wrong]:.3g} m at {theta[wrong]:.3g} rad, which has to be positive: "
+                "keep off the dead point by angle_limits or reach, or turn the sign of theta"
+            )
+        derivatives = (_QUOTIENT @ length * sign * geometry.rest_length / h, _QUOTIENT @ arm / h)
+        for kind, told, true in zip(("arm", "arm_slope"), (arm[2], slope[2]), derivatives, strict=True):
+            if 2 * np.count_nonzero(np.abs(told - true) > _UNLIKE * arm.max()) > _CHECKED:
+                raise InvalidInput(
+                    f"{what} has {kind} = {told[0]:.4g} at {theta[2, 0]:.3g} rad, where {true[0]:.4g} is right: "
+                    "arm is rest_length |d contraction/d theta| [m], arm_slope its derivative d arm/d theta [m/rad]"
+                )
 
 
 def positive(geometry: Geometry, *names: str) -> None:

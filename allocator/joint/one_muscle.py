@@ -11,9 +11,11 @@ from allocator.joint.gas import AIR, Gas
 from allocator.joint.geometry import Routing
 from allocator.joint.limits import BINDS, Limit, Limits, PressureInterval
 from allocator.muscles import AffineMuscle, Muscle
+from allocator.units import BAR
 
 STABLE = 0.5  # of V: with a smaller V^eff the law's volume falls implausibly fast with the pressure
 _MOST_GROWTH = 100.0  # of a volume by contraction; a braided tube grows sevenfold at most
+_NEARLY = 1e-6  # of a force: the same
 _LOOKED_AT = 33  # pressures in the search for the first V^eff below that
 
 
@@ -249,16 +251,50 @@ class OneMuscle:
         everywhere = np.ones(np.shape(self.contraction))
         most = (self.muscle.max_pressure, validity) if self.muscle.max_pressure < supply[1] else (supply[1], upper)
         floors, ceilings = [(supply[0] * everywhere, lower)], [(most[0] * everywhere, most[1])]
+        ends = supply[0], most[0]
+        forces = self._forces_at(*ends)
+        if self.affine:
+            ceilings.append((np.where(forces[1] > forces[0], np.inf, supply[0]), validity))
         if limits.min_force is not None:
-            floors.append((self.muscle.pressure(limits.min_force, self.contraction), slack))
+            floors.append((self._pressure_of(limits.min_force, ends, forces), slack))
         if limits.max_force is not None:
-            ceilings.append((self.muscle.pressure(limits.max_force, self.contraction), ceiling))
+            ceilings.append((self._pressure_of(limits.max_force, ends, forces), ceiling))
         if self.share is not None:
             self.check_volume(floors[-1][0].clip(supply[0], most[0]))
             ceilings.append((self._gas_ceiling(supply[0], most[0]), validity))
         nearest, farthest = limits.reach(int(antagonist))
         reach = (nearest, rate), (farthest, rate)
         return PressureInterval.between(floors, ceilings, reach, BINDS * (supply[1] - supply[0]))
+
+    def _forces_at(self, low: float, high: float) -> tuple[Array, Array]:
+        """Return the forces [N] at two pressures [Pa]. Raises InvalidInput where the law gives no number."""
+        eps = np.asarray(self.contraction, float)
+        with np.errstate(all="ignore"):
+            first, last = (np.asarray(self.muscle.law(P, eps)) for P in (low, high))
+        if (wrong := ~np.isfinite(first + last)).any():
+            raise InvalidInput(
+                f"the force law of {self.name} ({type(self.muscle).__name__}) gives no number at the contraction ratio "
+                f"{eps[wrong][0]:.4g}, which the angle limits allow: narrow them (--stops)"
+            )
+        return first, last
+
+    def _pressure_of(self, F: float, ends: tuple[float, float], forces: tuple[Array, Array]) -> Array:
+        """Return the pressure [Pa] from which on the force is `F` [N] or more, by the `forces` at the `ends`.
+
+        ∓inf if it is so everywhere or nowhere. Raises InvalidInput if both ends show that the force falls again.
+        """
+        (low, high), (first, last), P = ends, forces, self.muscle.pressure(F, self.contraction)
+        if self.affine:  # beyond the contraction where its area vanishes a muscle has no use for pressure
+            return np.where(last > first, P, np.where(first < F, np.inf, -np.inf))
+        near = _NEARLY * (np.abs(first) + np.abs(last) + abs(F))
+        wrong = (P < high) & (last < F - near) | (P > high) & (last > F + near) | (P > low) & (first > F + near)
+        if wrong.any():
+            raise InvalidInput(
+                f"the force of {self.name} ({type(self.muscle).__name__}) falls between {low / BAR:.4g} and "
+                f"{high / BAR:.4g} bar at the contraction ratio {np.asarray(self.contraction)[wrong][0]:.4g}: keep to "
+                "where it rises, by narrower angle limits (--stops), a lower supply, or the law's max_pressure"
+            )
+        return P
 
 
 _FLAGS = {

@@ -24,7 +24,7 @@ from allocator.calculus import Array, Mask, Value, derivative, increasing_root
 from allocator.errors import InvalidInput
 from allocator.muscles import volume
 from allocator.muscles.basis import Basis
-from allocator.muscles.measured import Edges, MeasuredRegion, continued, continued_integral, held
+from allocator.muscles.measured import Edges, MeasuredRegion, TabledRegion, continued, continued_integral, held
 from allocator.muscles.recipe import Recipe
 
 Covariance: TypeAlias = tuple[tuple[float, ...], ...]
@@ -121,6 +121,11 @@ class Muscle(ABC):
         """Greatest contraction ratio [-] of the samples, or `assumed_contraction` of a muscle without any."""
         return self.assumed_contraction if self.measured is None else self.measured.contractions[1]
 
+    @property
+    def region(self) -> MeasuredRegion | TabledRegion | None:
+        """Contractions and pressures beyond which answers are reported as extrapolated; None: not known."""
+        return self.measured
+
     def covers(self, P: Array, eps: Array) -> Mask:
         """Return whether the law is meant for these contractions (at these pressures, if that matters) while F ≥ 0."""
         return np.asarray((eps >= self.min_contraction) & (eps <= self.max_contraction))
@@ -157,7 +162,11 @@ class Muscle(ABC):
 
     @abstractmethod
     def law(self, P: Value, eps: Value) -> Value:
-        """Return F(P, ε) [N] by the formula, of unchecked arguments: models define it, and loops call it."""
+        """Return F(P, ε) [N] by the formula, of unchecked arguments: models define it, and loops call it.
+
+        It has to give a number at all contractions that a joint reaches, and to rise with the pressure up to
+        `max_pressure` where the muscle is taut.
+        """
 
     @abstractmethod
     def gain(self, P: Value, eps: Value) -> Value:

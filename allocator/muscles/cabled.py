@@ -25,6 +25,7 @@ from allocator.calculus import Array, Mask, Value, five_point, is_symbol
 from allocator.errors import InvalidInput
 from allocator.muscles.base import NOT_A_NUMBER, Muscle
 from allocator.muscles.basis import Basis
+from allocator.muscles.measured import MeasuredRegion, TabledRegion
 
 _STEPS = 5  # of Newton's method; for cables of 1e4 N/m or more four, and one for derivatives by complex steps
 _DIFFERENCE = 1e-3  # [-] of contraction, for derivatives without a formula
@@ -128,6 +129,11 @@ class Cabled(Muscle):
     def max_contraction(self) -> float:
         """The muscle's, at which it pulls no cable."""
         return self.muscle.max_contraction
+
+    @property
+    def region(self) -> MeasuredRegion | TabledRegion | None:
+        """The muscle's."""
+        return self.muscle.region
 
     def covers(self, P: Array, eps: Array) -> Mask:
         """Return whether the muscle's law is meant for the contractions that it has behind its cable."""

@@ -83,11 +83,28 @@ class MeasuredRegion:
         return f"contractions of {least:.3g} to {most:.3g} at {low / BAR:.3g} to {high / BAR:.3g} bar"
 
 
+class TabledRegion(NamedTuple):
+    """Contractions [-] of a muscle's table, at any pressure."""
+
+    least: float
+    most: float
+
+    def contains(self, eps: ArrayLike, P: ArrayLike) -> Mask:
+        """Return whether contractions [-] lie in the table, up to 1 % of its width, at pressures that are numbers."""
+        margin = _MARGIN * (self.most - self.least)
+        eps, P = np.broadcast_arrays(np.asarray(eps, float), np.asarray(P, float))
+        return np.asarray((eps >= self.least - margin) & (eps <= self.most + margin) & ~np.isnan(P))
+
+    def __str__(self) -> str:
+        """Return the range, for a sentence."""
+        return f"contractions of {self.least:.3g} to {self.most:.3g}"
+
+
 class Visit(NamedTuple):
     """Points (…) of the (ε, P) plane at which an answer uses a muscle."""
 
     name: str  # of the muscle
-    region: MeasuredRegion | None  # where it was measured; None: not known
+    region: MeasuredRegion | TabledRegion | None  # where it was measured; None: not known
     contraction: ArrayLike  # [-]
     pressure: ArrayLike  # gauge [Pa]; NaN: no answer, hence no point
 

@@ -16,7 +16,8 @@ _ROUNDING = 1e-9  # of the greatest force
 def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple[float, float]) -> str:
     """Return where [M] fails for 0 < P ≤ `max_pressure` [Pa] and `contraction` between the two ratios, in a sentence.
 
-    Empty if it holds at every point of an 81 × 81 grid that the law covers and at which the muscle is taut (F > 0).
+    Empty if it holds at every point of an 81 × 81 grid that the law covers and at which the muscle is taut (F > 0). A
+    law that gives no number at a point that it covers fails.
     """
     if muscle.limitation:
         return muscle.limitation
@@ -24,6 +25,8 @@ def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple
     inside = np.linspace(least, most, _GRID + 1)[1:]  # the law may be singular at its very beginning
     P, eps = np.meshgrid(np.linspace(0, max_pressure, _GRID)[1:], inside)
     F = np.where(muscle.covers(P, eps), muscle.law(P, eps), 0.0)
+    if not np.isfinite(F).all():
+        return f"the law gives no number at contractions within ε = {_ends(eps[~np.isfinite(F)])}"
     taut = F > _ROUNDING * F.max()
     if not taut.any():
         return "no point of the domain is taut"
@@ -39,8 +42,12 @@ def monotonicity_failure(muscle: Muscle, max_pressure: float, contraction: tuple
 
 def _where(what: str, wrong: Mask, taut: Mask, P: Array, eps: Array) -> str:
     share = max(100 * wrong.sum() / taut.sum(), 0.1)
-    bars, ratios = P[wrong] / BAR, eps[wrong]
+    bars = P[wrong] / BAR
     return (
         f"{what} on {share:.1f} % of the taut domain, within {bars.min():.2f}–{bars.max():.2f} bar "
-        f"and ε = {ratios.min():.3f}–{ratios.max():.3f}"
+        f"and ε = {_ends(eps[wrong])}"
     )
+
+
+def _ends(ratios: Array) -> str:
+    return f"{ratios.min():.3f}–{ratios.max():.3f}"

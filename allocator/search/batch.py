@@ -78,9 +78,22 @@ def _gas_rows(side: OneMuscle, lowest: Array | float, highest: Array | float) ->
     lo, hi = (np.broadcast_to(end, shape) for end in (lowest, highest))
     kinks = side.muscle.basis.kinks
     starts, ends = [-np.inf, *kinks], [*(np.nextafter(kink, -np.inf) for kink in kinks), np.inf]
-    return _stacked(
-        [_gas_segment(side, np.maximum(lo, a), np.minimum(hi, b)) for a, b in zip(starts, ends, strict=True)]
-    )
+    pieces = [(np.maximum(lo, a), np.minimum(hi, b)) for a, b in zip(starts, ends, strict=True)]
+    return _stacked([segment for a, b in pieces for segment in _gas_segments(side, a, b)])
+
+
+def _gas_segments(side: OneMuscle, lo: Array, hi: Array, halvings: int = _HALVINGS) -> list[Array]:
+    """Return the segments between lo and hi (n,), halved until polynomials follow the law."""
+    try:
+        return [_gas_segment(side, lo, hi)]
+    except _Steep:
+        if halvings == 0:
+            raise InvalidInput(
+                f"{type(side.muscle).__name__}: with trapped gas the stiffness has a kink or a jump in pressure; a law "
+                "with kinks has to declare them, see Basis"
+            ) from None
+    middle = (lo + hi) / 2
+    return [*_gas_segments(side, lo, middle, halvings - 1), *_gas_segments(side, middle, hi, halvings - 1)]
 
 
 def _gas_segment(side: OneMuscle, lo: Array, hi: Array) -> Array:
@@ -106,10 +119,7 @@ def _series(side: OneMuscle, centre: Array, half: Array) -> tuple[Array, Array]:
         found = [_significant(inverse @ f(P), greatest) for f in (side.torque, side.stiffness)]
         if (kept := _length(found)) is not None:
             return found[0][:kept], found[1][:kept]
-    raise InvalidInput(
-        f"{type(side.muscle).__name__}: with trapped gas the stiffness is no polynomial of degree {_SIZES[-1] - 1} in "
-        "the pressure: the law is too steep, or has kinks that it has to declare, see Basis"
-    )
+    raise _Steep
 
 
 def _segment(side: OneMuscle, basis: Basis, lo: float, hi: float) -> Array:

@@ -93,6 +93,9 @@ class _Judged:
         return certificate.decide(self.problem, self._given, self._stiffness, residual)
 
 
+_PROVED = 1e-9  # a smaller gap is rounding
+
+
 @dataclass(frozen=True, eq=False)
 class BoxAllocation(Allocation):
     """`Allocation` of m muscles, for targets of any leading shape (…); one target has none."""
@@ -312,6 +315,10 @@ class BoxAllocation(Allocation):
             missed.append(f"asked {vector(self.K_x + self.K_x_error)}, given {vector(self.K_x)} N/m at the endpoint")
         elif not self.stiffness_met:
             missed.append(f"asked {vector(self.K + self.K_error)}, given {vector(self.K)} N·m/rad")
+        if self.endpoint is not None and self.mechanism.affine and self.gap > _PROVED:
+            missed.append(
+                "a local optimum, which does not exclude a nearer one: there are more joints than coordinates"
+            )
         if not self.holds:
             missed.append(f"the least eigenvalue of K is {number(self.least_stiffness)} N·m/rad")
         return missed

@@ -15,7 +15,7 @@ from allocator.allocation.relaxation.curves import Curve, Level, Relaxed, relax
 from allocator.allocation.relaxation.descent import Found, certified, descend, lower
 from allocator.allocation.relaxation.model import Model
 from allocator.allocation.status import CLOSED_FORM
-from allocator.calculus import Array
+from allocator.calculus import Array, Mask
 
 MOST_NODES = 500  # per level of a target
 _STEPS = 15  # per descent from a node
@@ -136,9 +136,25 @@ class Nearby(NamedTuple):
 
     @classmethod
     def of(cls, problem: BoxProblem, solved: Solved) -> Self:
-        """Return answers for affine muscles, whose residuals prove them."""
+        """Return answers for affine muscles, whose residuals prove them but for some of an endpoint."""
         costs = problem.costs(solved.x)
-        return cls(solved, None, costs, costs)
+        return cls(solved, None, costs, np.where(_proved(problem, solved), costs, 0.0))
+
+
+def _proved(problem: BoxProblem, solved: Solved) -> Mask:
+    """Return which levels (N, K) have the least cost: with more joints than coordinates, those of a hand too soft.
+
+    There K_x is concave in the pressures, so no pressures give more along the missing stiffness.
+    """
+    hand, (rows, ends) = problem.endpoint, problem.rows
+    proved = np.ones((problem.size, len(ends)), bool)
+    if hand is None or not hand.redundant:
+        return proved
+    for k, end in enumerate(ends.tolist()):
+        d = np.zeros(problem.y.shape)
+        d[:, rows[:end]] = -np.sqrt(problem.weights[rows[:end]]) * solved.mu[:, k, :end]
+        proved[:, k] = hand.bounds_true(d) & (solved.rounds > 0)
+    return proved
 
 
 def solve(problem: BoxProblem, gap: float) -> Nearby:

@@ -56,7 +56,7 @@ class PairAllocation(Allocation):
     def _problem(self) -> Problem:
         if self._built is not None:
             return self._built
-        targets = self.theta, self.K_target, self.T_target
+        targets = map(np.ravel, (self.theta, self.K_target, self.T_target))  # flat, as the limits are
         asked: dict[str, Any] = {"limits": self._within, "priority": self.priority, "shares": self.kind.fixed}
         asked["felt"] = self.kind.secant(self.joint.loop) if self.kind.amplitude is not None else None
         return problem_from(self.joint, *targets, **asked)[0]

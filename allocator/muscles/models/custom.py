@@ -10,6 +10,7 @@ import numpy as np
 from allocator.calculus import Array, Spline, Value
 from allocator.errors import InvalidInput
 from allocator.muscles.base import NOT_A_NUMBER, STRUCTURE, AffineMuscle
+from allocator.muscles.measured import MeasuredRegion, TabledRegion
 from allocator.muscles.recipe import Recipe
 
 
@@ -44,7 +45,7 @@ class TableMuscle(AffineMuscle):
     Not-a-knot splines (SciPy), continued by their end pieces. The parameters are area and passive; the knots are not
     fitted, five of them over the taut samples unless `start` says otherwise. It can follow any measured muscle that is
     affine in pressure, and its noise as well: look at the cross-validated error and at [M]. Domain: from the first knot
-    to the last.
+    to the last; answers beyond them are reported as extrapolated.
     """
 
     citation = "splines through a table of the user"
@@ -73,6 +74,11 @@ class TableMuscle(AffineMuscle):
     def min_contraction(self) -> float:
         """First knot [-]."""
         return self.contraction[0]
+
+    @property
+    def region(self) -> MeasuredRegion | TabledRegion:
+        """Samples of its fit, or the contractions of the knots."""
+        return self.measured or TabledRegion(self.min_contraction, self.max_contraction)
 
     @cached_property
     def _area_spline(self) -> Spline:

@@ -145,3 +145,19 @@ def test_the_library_takes_its_own_answers_though_one_muscle_is_all_but_vented(j
                 road(0.1), float(K), float(T), joint=joint, limits=Limits(min_force=None, previous=found, max_step=BAR)
             )
             assert np.array(stay.P2) == pytest.approx(P[1], abs=1e-2)
+
+
+@pytest.mark.parametrize("name", ["tondu", "affine, unequal, lever", "no closed form"])
+@pytest.mark.parametrize("shape", [(2, 3), (6, 1)])
+def test_a_table_of_targets_keeps_the_slew_limit_of_each(name, shape):
+    joint = JOINTS[name]
+    theta, K, T, now = questions(joint, 6, seed=3)
+    row, table = (
+        allocate(*targets, joint=joint, limits=Limits(previous=tuple(P), max_step=0.3 * BAR))
+        for targets, P in (((theta, K, T), now), ((x.reshape(shape) for x in (theta, K, T)), now.reshape(2, *shape)))
+    )
+    for found in ("P", "forces", "status", "gap", "kkt_residual", "pairs", "isobaric_stiffness"):
+        np.testing.assert_array_equal(np.ravel(getattr(table, found)), np.ravel(getattr(row, found)))
+    np.testing.assert_array_equal(np.ravel(table.jacobian()), np.ravel(row.jacobian()))
+    assert table.active.ravel().tolist() == row.active.tolist()
+    assert table.message == row.message

@@ -115,6 +115,17 @@ def test_more_joints_than_coordinates():
     assert a.T == pytest.approx(T + FOOT.torque(Q3, FORCE), abs=1e-9)
 
 
+def test_with_more_joints_only_a_hand_too_soft_is_proved_nearest():
+    K_x, T = made(LEG, FOOT, Q3, 1, seed=1)
+    for times, proved in ((1.0, True), (4.0, True), (0.2, False)):
+        a = allocate(Q3, times * K_x[0], T[0], joint=LEG, stiffness=Stiffness(endpoint=FOOT, force=FORCE))
+        cost = a.endpoint_error**2
+        assert a.gap == (pytest.approx(0.0, abs=1e-12) if proved else pytest.approx(cost / (1 + cost)))
+        assert a.lower_bounds[-1] == pytest.approx(cost if proved else 0.0, abs=1e-12)
+        assert ("a local optimum, which does not exclude a nearer one" in a.message) == (not proved)
+        assert np.isnan(a.separation.reach) == (a.success or not proved)
+
+
 @pytest.mark.slow
 def test_with_more_joints_no_local_search_improves_the_answer():
     K_x, T = made(LEG, FOOT, Q3, 6, seed=1)
