@@ -101,7 +101,7 @@ class Tracking:
         sent = np.array(tick.sent)
         for _ in range(tick.missed):
             self.observer.estimate(self._unseen, sent)
-        read = self._projection.at_due(tick.reading, tick.due, self._omega, tick.missed)
+        read = self._projection.at_due(tick, self._omega)
         x, d = self.observer.estimate(read, sent)
         self._omega = x[self._n : 2 * self._n].copy()
         return x, d
@@ -155,13 +155,14 @@ def replay(columns: Columns, tracking: Tracking) -> Array:
     """
     sheet, commands, sent = Sheet.of(tracking.plant), [], None
     said = (sheet.values(columns, name).tolist() for name in ("read_at", "theta", "P", "P_command", "phase", "missed"))
+    late = columns["late"].tolist()
     due = (columns["t"] - columns["late"]).tolist()
     k = -1
-    for t, theta, P, u, phase, missed, at in zip(*said, due, strict=True):
+    for t, theta, P, u, phase, missed, at, after in zip(*said, due, late, strict=True):
         if phase == Phase.STOP:
             break
         k += 1 + missed
-        tick = Tick(k, missed, Reading(t, theta, tuple(P)), tuple(P) if sent is None else sent, at)
+        tick = Tick(k, missed, Reading(t, theta, tuple(P)), tuple(P) if sent is None else sent, at, after)
         if phase != Phase.RAMP and (decision := tracking.decide(tick)) is not None:
             commands.append(decision.u)
         sent = tuple(u)

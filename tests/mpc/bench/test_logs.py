@@ -202,8 +202,8 @@ def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
     known = real.known()
     controller = TrackingMPC(real.nominal, DT, 20, Weights.calm(), compensation=known)
 
-    def as_read(reading, *_):
-        return np.array([reading.theta, np.nan, *reading.P])
+    def as_read(tick, _):
+        return np.array([tick.reading.theta, np.nan, *tick.reading.P])
 
     def worst(at_due):
         clock, rng = SimulatedClock(), np.random.default_rng(1)
