@@ -292,6 +292,20 @@ def test_a_loop_without_supply_ends_before_its_muscles_jump_when_it_returns(left
         assert not record.columns["P1_command"][stopped].any()  # a ramp would fill it on the supply's return
 
 
+def test_pressures_that_change_as_fast_as_they_can_are_no_fault():
+    """Steps that keep the commands at 5 bar/s, as fast as the regulators fill, ended as a leak or a broken cable."""
+    real, clock, t = RealPlant.standard((1.0, 1.0)), SimulatedClock(), np.arange(0.0, 7.0, DT)
+    steps = Reference(
+        t, np.interp(t, (2.0, 2.6, 4.0, 4.6), (-60 * DEG, 60 * DEG, 60 * DEG, -60 * DEG)), np.full(t.size, 5.5)
+    )
+    observer = KalmanObserver(real.nominal, DT, compensation=real.known())
+    controller = PIDControl(real.nominal, DT, real.known())
+    record = RealTimeLoop(SimulatedDevice(real, clock), controller, observer, steps, clock=clock, start=START).run()
+    rates = np.abs(np.diff(record.columns["P1_command"])) / DT
+    assert (rates > 4.99 * BAR).sum() * DT > 1.0
+    assert str(record.ending) == "finished"
+
+
 @pytest.mark.parametrize(("P", "lost"), [((0.5, 0.5), True), ((0.5, 4.0), False)])
 def test_two_rejected_pressures_far_below_their_commands_are_a_lost_supply(P, lost):
     tracking = Tracking(Plant(), PIDControl(Plant(), DT), Differentiator(DT), sine(duration=1.0, ramp=0.2))
