@@ -12,7 +12,7 @@ from allocator.calculus import Array, Mask, Value, is_symbol
 from allocator.errors import InvalidInput
 from allocator.units import DEG
 
-_LONGEST = 10.0  # [s] of a delay or a time constant
+LONGEST, SLOWEST = 1.0, 10.0  # [s] of a delay, and of a time constant
 LOOKS_LIKE_BAR = 0.1, 20.0  # [Pa] if the greatest of some pressures lies here, bar was meant
 
 
@@ -235,10 +235,10 @@ def positive(name: str, value: object, unit: str) -> float:
     return found
 
 
-def delay(name: str, value: object, part: str) -> float:
-    """Return a delay or a time constant [s] of a `part`, such as a sensor; over 10 s are taken for milliseconds."""
+def delay(name: str, value: object, part: str, longest: float = LONGEST) -> float:
+    """Return a delay [s] of a `part`, such as a sensor, or its time constant; over `longest` are milliseconds."""
     found = not_negative(name, value, "s")
-    if found > _LONGEST:
+    if found > longest:
         raise InvalidInput(f"{name} = {found:g} s is none of a {part}; if milliseconds were meant, divide by 1000")
     return found
 

@@ -62,6 +62,7 @@ class Tick(NamedTuple):
     reading: Reading  # NaN where there was none
     sent: Pressures  # the last command [Pa]
     due: float  # scheduled beginning [s], on the clock of the reading
+    late: float = 0.0  # delay of its beginning [s]
 
 
 class Decision(NamedTuple):
@@ -251,7 +252,7 @@ class Cycle:
         reading = self._read()
         self._check(reading)
         self._calling = ""
-        decision = decide(Tick(self._next, self._missed, reading, self._sent, deadline))
+        decision = decide(Tick(self._next, self._missed, reading, self._sent, deadline, began - deadline))
         if decision is None:
             return False
         taken = self._write(self._guard.command(decision.u, self._sent))

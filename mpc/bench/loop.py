@@ -9,11 +9,8 @@ decides on the commands; `mpc.bench.cycle` is responsible for the time, the limi
 
 Tracking: a controller and its observer as the command source of a loop, also for the replay of a log.
 
-An observer assumes evenly spaced readings, and at 1 rad/s a millisecond is 0.06°: late readings are therefore projected
-to their due time. So is an angle that its device dates up to a sample earlier, by the estimated velocity; the observer
-compensates a constant age (`Compensation.reading_age`). Both move an angle by whole steps of its encoder: from changes
-that are no steps an observer learns a fine encoder, and amplifies the steps of the coarse one. For each missed sample
-the observer gets a sample without a reading, under the held command.
+Readings are projected to their due time (`mpc.bench.projection`). For each missed sample the observer gets a sample
+without a reading, under the held command.
 """
 
 from collections import deque
@@ -29,19 +26,17 @@ from allocator.errors import InvalidInput
 from mpc.bench.cycle import Cycle, Decision, Overrun, Phase, Settings, Tick
 from mpc.bench.device import Clock, Device, Reading
 from mpc.bench.logs import Record
+from mpc.bench.projection import Projection
 from mpc.bench.rows import Columns, Pressures, Row, Sheet, of_plan
 from mpc.bench.safety import Action, Reason, SafeStop, SoftStart, Stopped, Watchdog
 from mpc.model.experiment import check_stiffness
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.observer.base import Observer, check_observer
-from mpc.observer.gating import ROUNDING
 from mpc.observer.health import WELL, FaultKind, Health, Part, Reaction
 from mpc.trials.motions.reference import LONGEST, Reference
 from mpc.trials.simulation import Controller, check_parts
 
-_FURTHEST = 0.8  # samples: with more, the estimated velocity amplifies its own error through the angle
-_COARSEST = 1e3  # [rad] step of an encoder that is not known yet
 _BLIND = 0.1  # missed samples [s] in a second, which the observer takes for silent sensors
 _ACTIONS = {Reaction.VENT: Action.VENT}  # otherwise the configured stop, since a hold needs a running loop
 
@@ -72,9 +67,7 @@ class Tracking:
         self.reference = Reference(t, given.theta[i], given.K[i])
         self.first: Pressures = tuple(_rest(plant, given)[2 * plant.n :].tolist())
         self._begun: int | None = None  # the sample of the first decision
-        self._before: tuple[float, Array] | None = None  # the last reading's time [s] and values (2n + m,)
-        self._steps = np.full(plant.n, _COARSEST)  # of the encoders [rad]
-        self._angles = np.full(plant.n, np.nan)  # last ones given to the observer [rad]
+        self._projection = Projection(plant.n, dt)
         self._omega: Value = 0.0  # last estimate of the velocities (n,) [rad/s]
         self._unwell = 0  # samples for which health has required a reaction
         self._left_out: deque[tuple[int, int]] = deque()  # samples of the last second, and missed ones before them
@@ -108,7 +101,8 @@ class Tracking:
         sent = np.array(tick.sent)
         for _ in range(tick.missed):
             self.observer.estimate(self._unseen, sent)
-        x, d = self.observer.estimate(self._at_due(tick), sent)
+        read = self._projection.at_due(tick, self._omega)
+        x, d = self.observer.estimate(read, sent)
         self._omega = x[self._n : 2 * self._n].copy()
         return x, d
 
@@ -119,36 +113,6 @@ class Tracking:
         return {
             "theta_estimate": theta, "omega_estimate": omega, "P_estimate": tuple(values[2 * n :]), "d_estimate": d,
         }  # fmt: skip
-
-    def _at_due(self, tick: Tick) -> Array:
-        """Return the readings (2n + m,) projected to the due time.
-
-        A later reading is interpolated linearly from the one before, an earlier angle is extrapolated with the
-        estimated velocity. Angles move by whole steps of their encoders, which an observer learns from their changes.
-        """
-        t, theta, P = tick.reading
-        said = np.array([theta, np.nan, *P] if self._single else [*theta, *[np.nan] * self._n, *P])
-        before, self._before = self._before, (t, said)
-        moved = np.zeros(said.size)
-        if before is not None:
-            self._learn_steps(np.abs(said - before[1])[: self._n])
-        age = tick.due - t
-        if age > 0:  # fading out without a jump: two samples later the velocity may be another one
-            moved[: self._n] = self._omega * max(min(age, _FURTHEST * self.dt, 2 * self.dt - age), 0.0)
-        elif before is not None and t > before[0]:
-            moved = min(-age / (t - before[0]), 1.0) * (before[1] - said)
-        moved[: self._n] = np.round(moved[: self._n] / self._steps) * self._steps
-        return self._on_grid(said + np.where(np.isfinite(moved), moved, 0.0))
-
-    def _learn_steps(self, changes: Array) -> None:
-        """Update the steps of the encoders (n,) [rad], the least changes of readings so far."""
-        self._steps = np.where((changes > ROUNDING) & (changes < self._steps), changes, self._steps)
-
-    def _on_grid(self, said: Array) -> Array:
-        """Return readings whose angles differ from the last ones by more than rounding, or not at all."""
-        angles = said[: self._n]
-        angles[:] = self._angles = np.where(np.abs(angles - self._angles) <= ROUNDING, self._angles, angles)
-        return said
 
     def _check_health(self, tick: Tick) -> None:
         """Raise `Stopped` if health has requested a hold or a vent for too long, or if the supply is lost."""
@@ -191,13 +155,14 @@ def replay(columns: Columns, tracking: Tracking) -> Array:
     """
     sheet, commands, sent = Sheet.of(tracking.plant), [], None
     said = (sheet.values(columns, name).tolist() for name in ("read_at", "theta", "P", "P_command", "phase", "missed"))
+    late = columns["late"].tolist()
     due = (columns["t"] - columns["late"]).tolist()
     k = -1
-    for t, theta, P, u, phase, missed, at in zip(*said, due, strict=True):
+    for t, theta, P, u, phase, missed, at, after in zip(*said, due, late, strict=True):
         if phase == Phase.STOP:
             break
         k += 1 + missed
-        tick = Tick(k, missed, Reading(t, theta, tuple(P)), tuple(P) if sent is None else sent, at)
+        tick = Tick(k, missed, Reading(t, theta, tuple(P)), tuple(P) if sent is None else sent, at, after)
         if phase != Phase.RAMP and (decision := tracking.decide(tick)) is not None:
             commands.append(decision.u)
         sent = tuple(u)

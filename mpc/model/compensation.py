@@ -178,7 +178,7 @@ def check_regulators(of: Any) -> None:
         if (lag := getattr(of, name)) is not None:
             if (value := checks.number(name, lag, "s")) <= 0:
                 raise InvalidInput(f"{name} = {value:g} s has to be positive, or None for the lag of the plant")
-            object.__setattr__(of, name, checks.delay(name, value, "regulator"))
+            object.__setattr__(of, name, checks.delay(name, value, "regulator", checks.SLOWEST))
     flow = checks.number_or_inf("flow", of.flow, "Pa/s")
     if flow <= checks.LOOKS_LIKE_BAR[1]:
         raise InvalidInput(f"flow = {flow:g} Pa/s is next to nothing; if bar/s was meant, multiply by 1e5")

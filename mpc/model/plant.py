@@ -346,7 +346,7 @@ class Plant:
         try:
             plant = Plant(joint, **numbers)
             for lag in plant.lags:
-                checks.delay("lag", lag, "regulator")
+                checks.delay("lag", lag, "regulator", checks.SLOWEST)
         except (InvalidInput, TypeError, OverflowError) as error:
             raise InvalidFile(path, f"[plant]: {error}") from None
         return plant if slew is None else replace(plant, slew=slew)

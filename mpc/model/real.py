@@ -107,7 +107,7 @@ class RealPlant(RealMachine):
         """
         up, down = (sqrt(prod(lags)) for lags in zip(*self.lags, strict=True))
         friction = self.friction.as_dahl(self.nominal).share(share)
-        return Compensation(friction, self.dead_time, self.dead_band, lag_up=up, lag_down=down)
+        return Compensation(friction, self.dead_time, self.dead_band, lag_up=up, lag_down=down, flow=self.flow)
 
     # --- the equations ----------------------------------------------------------------------------------------------
 

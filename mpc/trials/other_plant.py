@@ -3,8 +3,8 @@
 A controller tracks its own model exactly, which is no evidence for a real machine. `refitted` fits a force law of a
 different structure to the model's forces. `other_plant` adds to such a joint the effects of `RealPlant.standard`:
 muscles 10 % stronger and weaker, hysteresis of 5°, dead time, dead band, a limited flow, an encoder and noise. Its
-pressures lag 20 % longer. The controller keeps its model, and has the dead time, the dead band and three quarters of
-the friction, as after an identification.
+pressures lag 20 % longer. The controller keeps its model, and has the dead time, the dead band, the flow and three
+quarters of the friction, as after an identification.
 """
 
 from collections.abc import Sequence
@@ -59,7 +59,6 @@ def other_plant(
     unknown = [fitted.unknown, _strengths(real.force_gains)]
     unknown += ["a quarter of the friction"] * ("friction" not in told)
     unknown += ["lags 20 % longer"] * ("lag_up" not in told and "lag_down" not in told)
-    unknown += [f"flow up to {real.flow / BAR:.3g} bar/s"] * ("flow" not in told)
     unknown += [f"encoder steps of {real.encoder / DEG:g}°", f"{real.pressure_noise / BAR:g} bar of noise"]
     return OtherPlant(replace(real, **told), ", ".join(unknown))
 

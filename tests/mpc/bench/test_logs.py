@@ -202,9 +202,8 @@ def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
     known = real.known()
     controller = TrackingMPC(real.nominal, DT, 20, Weights.calm(), compensation=known)
 
-    def as_read(tick):
-        _, theta, (P1, P2) = tick.reading
-        return np.array([theta, np.nan, P1, P2])
+    def as_read(tick, _):
+        return np.array([tick.reading.theta, np.nan, *tick.reading.P])
 
     def worst(at_due):
         clock, rng = SimulatedClock(), np.random.default_rng(1)
@@ -222,7 +221,7 @@ def test_an_uneven_clock_does_not_spoil_the_tracking(monkeypatch):
             device, controller, observer, reference, clock=clock, start=SoftStart(2e5), watchdog=Watchdog(reaction=None)
         )
         if not at_due:
-            monkeypatch.setattr(loop.tracking, "_at_due", as_read)
+            monkeypatch.setattr(loop.tracking._projection, "at_due", as_read)
         return loop.run().theta_rms
 
     even = worst(at_due=True)
@@ -277,16 +276,6 @@ def test_projected_angles_stay_on_the_steps_of_their_encoder(monkeypatch, age):
     assert observer.encoder_step == pytest.approx(0.1 * DEG)
 
 
-def test_an_angle_that_is_dated_before_it_was_due_goes_on_with_the_estimated_velocity():
-    plant = Plant()
-    reference = sine(duration=1.0, ramp=0.2)
-    tracking = Tracking(plant, PIDControl(plant, DT), Differentiator(DT), reference)
-    tracking._omega, tracking._steps = 2.0, np.array([1e-6])  # a fine encoder
-    for age, moved in ((0.004, 0.008), (0.008, 0.016), (0.01, 0.016), (0.015, 0.01), (0.02, 0.0)):
-        said = tracking._at_due(Tick(1, 0, Reading(1.0 - age, 0.1, (2e5, 2e5)), (2e5, 2e5), 1.0))
-        np.testing.assert_allclose(said, [0.1 + moved, np.nan, 2e5, 2e5], atol=1e-9)
-
-
 @pytest.mark.parametrize(("left", "reason"), [(0.0, Reason.UNHEALTHY), (2.5 * BAR, Reason.FINISHED)])
 def test_a_loop_without_supply_ends_before_its_muscles_jump_when_it_returns(left, reason):
     """A supply that has dropped, but moves the joint yet, does not end it."""
@@ -301,6 +290,20 @@ def test_a_loop_without_supply_ends_before_its_muscles_jump_when_it_returns(left
         assert "the supply is lost: " in str(record.ending)
         stopped = record.columns["phase"] == Phase.STOP
         assert not record.columns["P1_command"][stopped].any()  # a ramp would fill it on the supply's return
+
+
+def test_pressures_that_change_as_fast_as_they_can_are_no_fault():
+    """Steps that keep the commands at 5 bar/s, as fast as the regulators fill, ended as a leak or a broken cable."""
+    real, clock, t = RealPlant.standard((1.0, 1.0)), SimulatedClock(), np.arange(0.0, 7.0, DT)
+    steps = Reference(
+        t, np.interp(t, (2.0, 2.6, 4.0, 4.6), (-60 * DEG, 60 * DEG, 60 * DEG, -60 * DEG)), np.full(t.size, 5.5)
+    )
+    observer = KalmanObserver(real.nominal, DT, compensation=real.known())
+    controller = PIDControl(real.nominal, DT, real.known())
+    record = RealTimeLoop(SimulatedDevice(real, clock), controller, observer, steps, clock=clock, start=START).run()
+    rates = np.abs(np.diff(record.columns["P1_command"])) / DT
+    assert (rates > 4.99 * BAR).sum() * DT > 1.0
+    assert str(record.ending) == "finished"
 
 
 @pytest.mark.parametrize(("P", "lost"), [((0.5, 0.5), True), ((0.5, 4.0), False)])

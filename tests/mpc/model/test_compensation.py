@@ -105,6 +105,8 @@ def test_impossible_knowledge_is_refused_by_its_name():
         ({"dead_time": "a"}, "dead_time = 'a' is not a number"),
         ({"dead_time": None}, "dead_time = None is not a number"),
         ({"dead_time": 60}, "dead_time = 60 s is none of a regulator; if milliseconds were meant"),
+        ({"dead_time": 5}, "dead_time = 5 s is none of a regulator; if milliseconds were meant"),
+        ({"reading_age": 2}, "reading_age = 2 s is none of a sensor; if milliseconds were meant"),
         ({"lag_up": 60}, "lag_up = 60 s is none of a regulator; if milliseconds were meant"),
         ({"dead_band": 0.1}, "dead_band = 0.1 Pa is next to nothing; if bar was meant"),
     ],
