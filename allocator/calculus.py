@@ -24,13 +24,13 @@ _STEP = 1e-30  # of the complex step; nothing is subtracted, so it may be as sma
 _NESTED = 3e-4  # of the difference quotient: errors of its truncation and of rounding are alike
 
 
-class _Steps(local):
-    """Complex steps that this thread is taking: derivatives whose formula is being evaluated."""
+class _Step(local):
+    """Whether this thread takes a complex step: it evaluates the formula of a derivative."""
 
-    taken = 0
+    taken = False
 
 
-_steps = _Steps()
+_step = _Step()
 
 
 def is_symbol(x: Value) -> bool:
@@ -82,13 +82,14 @@ def derivative(formula: Callable[[Value], Value], x: Value) -> Value:
     over x ± 2h with h = 3e-4 max(1, |x|).
     """
     if not is_symbol(x):
-        if _steps.taken and np.iscomplexobj(formula(x)):
+        outer = _step.taken
+        if outer and np.iscomplexobj(formula(x)):
             return five_point(formula, x, _NESTED * np.maximum(1.0, np.abs(np.real(x))))
-        _steps.taken += 1
+        _step.taken = True
         try:
             return formula(x + _STEP * 1j).imag / _STEP
         finally:
-            _steps.taken -= 1
+            _step.taken = outer
     import casadi
 
     s = type(x).sym("s")

@@ -352,7 +352,11 @@ class AffineMuscle(Muscle):
 
     def law(self, P: Value, eps: Value) -> Value:
         """Return F = P·A(ε) + B(ε) [N], beyond the measured range by (R1)."""
-        return P * continued(self.A, eps, self.edges) + continued(self.B, eps, self.edges)
+        return P * continued(self.A, eps, self.edges) + self.passive_force(eps)
+
+    def passive_force(self, eps: Value) -> Value:
+        """Return the force at zero pressure B(ε) [N], beyond the measured range by (R1)."""
+        return continued(self.B, eps, self.edges)
 
     def gain(self, P: Value, eps: Value) -> Value:
         """Return ∂F/∂P = A(ε) [N/Pa]."""

@@ -164,7 +164,7 @@ def _coefficients(side: OneMuscle) -> tuple[Value, ...]:
     """Return (A, B, a, k', k0) of `side`, with A, B and their derivatives evaluated once."""
     muscle, eps = side.muscle, side.contraction
     assert isinstance(muscle, AffineMuscle)
-    A, B = muscle.gain(0.0, eps), muscle.law(0.0, eps)
+    A, B = muscle.gain(0.0, eps), muscle.passive_force(eps)
     elastic, geometric = -(side.arm**2) / side.rest_length, side.bend
     k1 = elastic * muscle.gain_slope(0.0, eps) + geometric * A
     k0 = elastic * muscle.passive_slope(eps) + geometric * B
