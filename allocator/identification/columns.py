@@ -54,6 +54,13 @@ class Column(NamedTuple):
     offset: float  # [SI] subtracted
     certain: bool  # whether the caller gave the unit
 
+    def contradiction(self, table: Table) -> str:
+        """Return a sentence if the caller gave another unit than the file, or ""."""
+        header = table.names[self.place]
+        if not self.certain or (said := unit_said(header)) in ("", self.unit):
+            return ""
+        return f"{header!r} is read in {self.unit or 'no unit'}, as --columns says, not in {said}"
+
 
 class Measured(NamedTuple):
     """Quantities of a file by name: their columns, and their values (n,) in SI units."""
@@ -108,6 +115,7 @@ def read_columns(
     notes = table.notes
     if unused:
         notes = (*notes, f"columns not used: {', '.join(table.names[i] for i in unused)}")
+    notes = (*notes, *filter(None, (column.contradiction(table) for column in chosen.values())))
     if "theta" in values and (zero := encoder.subtracted(table.comments)):
         values["theta"] = values["theta"] + zero
         notes = (*notes, f"angles are the encoder's readings: its zero, {zero / DEG:.4g}°, was added to theta again")

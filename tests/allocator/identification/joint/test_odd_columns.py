@@ -97,3 +97,10 @@ def test_the_command_says_which_columns_it_does_not_use_before_it_fits(written):
     app.command("fit-joint")(fit_joint_command)
     result = CliRunner().invoke(app, [str(written("note")), "--pulley", "20,0.1375", "--rest-length", "400"])
     assert "columns not used: note" in result.output
+
+
+def test_a_unit_that_contradicts_the_header_is_taken_and_reported(written):
+    name = "load [kgm]"
+    log = read_joint_log(written(name), columns={"torque": f"{name}:Nm"})
+    assert log.notes == ("'load [kgm]' is read in Nm, as --columns says, not in kgf m",)
+    assert read_joint_log(written(name), columns={"torque": f"{name}:kgf m"}).notes == ()
