@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mpc.model.machine import Machine
 
 _SIM = "sim"
+_MUSCLE, _LAG = "sarosi-dmsp-20-400n", 0.12  # of the simulated joint, unless the options name one; [s]
 
 
 @dataclass(frozen=True)
@@ -75,15 +76,17 @@ class BenchOptions:
             known = options.compensation_of_arm()
             return Opened(self._of_arm(arm, known, clock), clock, arm, known)
         plant, known = options.plant(), options.compensation()
+        named = options.given("machine", "muscle", "agonist", "antagonist")
         if name == _SIM and not address:
-            plant = RealPlant.standard().nominal if options == PlantOptions() else plant
+            if not named:  # that of `RealPlant.standard`
+                plant = replace(options, muscle=[_MUSCLE]).plant(lag=_LAG)
             real = simulated(plant, known)
             assert isinstance(real, RealPlant)
             found = replace(real.known(share=1.0), **known.told)
             return Opened(SimulatedDevice(real, clock, zero=options.encoder_zero), clock, plant, found)
         if name == _SIM:
             stranger = f"the controller's model is the default joint, not {address}: give --machine {address} as well"
-            note = stranger if options == PlantOptions() else ""
+            note = "" if named else stranger
             return Opened(_of_file(address, clock, plant), clock, plant, known, note)
         return Opened(self._driven(), clock, plant, known)
 

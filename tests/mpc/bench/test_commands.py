@@ -4,20 +4,25 @@ import io
 import json
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from allocator import BAR
+from mpc import RealPlant
 from mpc.bench import dashboard
 from mpc.bench.device import DeviceLost
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log
 from mpc.bench.loop import Tracking
+from mpc.bench.options import BenchOptions
 from mpc.bench.rows import Row
 from mpc.cli import app
 from mpc.model.arm.model import Arm
+from mpc.plant_cli import PlantOptions
 from mpc.trials.files import load_recording
 
 ARM = "--machine", "arm26", "--device", "sim"
@@ -57,6 +62,15 @@ def test_a_rehearsal_tells_the_controller_the_hysteresis_of_the_file_and_what_is
         "not in --machine, simulated as on a usual bench and told to the controller: dead time 0.03 s, dead band"
         in output
     )
+
+
+def test_an_option_of_the_simulated_joint_changes_that_number_alone():
+    """Any option replaced the muscles as well."""
+    usual, same, slower = (
+        BenchOptions(device="sim", fast=True).opened(PlantOptions(slew=slew)).plant for slew in (None, 5.0, 4.0)
+    )
+    assert usual == same == RealPlant.standard().nominal
+    assert slower == replace(usual, slew=4 * BAR)
 
 
 def test_a_simulated_file_without_its_machine_is_said_to_be_unknown_to_the_controller(tmp_path, trajectory):
