@@ -138,9 +138,8 @@ def exchanged(
     """Move from the base with the first `size` items to the solution, in at most `limit` exchanges; return whether it
     is proved, the number of exchanges, and the bound of its suboptimality, unless another search follows.
     """
-    most, taken = 0.5 * setting.curvature * setting.accuracy**2, limit
+    most, taken, last = 0.5 * setting.curvature * setting.accuracy**2, limit, a.items.kind.size - 1
     tries, enters, again, exact, violation, items = 0, False, False, True, 0.0, a.items
-    last = items.kind.size - 1
     for step in range(limit):
         if again or size == last - 1 or crowd(path, size, items) >= CROWDED:
             size = rebased(path, errors, setting, bounded, size, enters, at, sweep, a)
