@@ -59,8 +59,8 @@ def test_a_rehearsal_tells_the_controller_the_hysteresis_of_the_file_and_what_is
     assert "hysteresis of the angle with 2 elements" in output
     assert "Dahl" not in output
     assert (
-        "not in --machine, simulated as on a usual bench and told to the controller: dead time 0.03 s, dead band"
-        in output
+        "not in --machine, simulated as on a usual bench and told to the controller: dead time 0.03 s, "
+        "flow up to 5 bar/s, dead band" in output
     )
 
 
