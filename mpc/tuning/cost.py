@@ -13,8 +13,9 @@ on the model is a margin kept for machines that differ from it. On identified jo
 with M_s ≤ 2 on the draws and for the 80 % quantile of the cost had errors 1.1 to 1.5 times those of the defaults.
 
 The payload of the tour is a torque without inertia; the inertia margin stands for its inertia. Without that limit a
-tuned loop became unstable when a joint of another structure took up its payload. A larger `CHATTER` chose slower loops
-for quieter commands, whose errors on such joints were up to 2.5 times those of the defaults.
+tuned loop became unstable when a joint of another structure took up its payload. With five times the `CHATTER` slower
+loops were chosen for quieter commands, which rest mode quiets anyway; on such joints their errors were up to three
+times those of the defaults.
 
 A loop that exceeds a limit x > 1 times is charged `BEYOND` (1 - 1/x), which makes it worse than any useful loop
 within the limits and grows with the excess. Far beyond, the tour is not simulated, and its error counts as `THROWN`.
