@@ -11,10 +11,10 @@ gas keeps a positive V^eff. Where the law has a kink its volume, and so the stif
 last number below the kink, the next begins at it.
 """
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,21 +46,26 @@ def rows(side: OneMuscle, lo: float, hi: float, box: PressureInterval | None = N
         return _gas_rows(side, *((lo, hi) if box is None else (box.lo, box.hi)))
     basis = side.muscle.basis
     ends = [lo, *(kink for kink in basis.kinks if lo < kink < hi), hi]
-    return _stacked([segment for a, b in pairwise(ends) for segment in _segments(side, basis, a, b, _HALVINGS)])
+    whole = partial(_segment, side, basis)
+    pieces = (_halved(whole, a, b, f"{type(side.muscle).__name__}: the force") for a, b in pairwise(ends))
+    return _stacked([segment for piece in pieces for segment in piece])
 
 
-def _segments(side: OneMuscle, basis: Basis, lo: float, hi: float, halvings: int) -> list[Array]:
-    """Return the segments between two kinks: one, or several where a smooth law is too steep for one polynomial."""
+def _halved(whole: Callable[[Any, Any], Array], lo: Any, hi: Any, what: str, left: int = _HALVINGS) -> list[Array]:
+    """Return the segments between two kinks, `whole(lo, hi)` or several where a smooth law is too steep for one.
+
+    Raises `InvalidInput` about `what` is not smooth.
+    """
     try:
-        return [_segment(side, basis, lo, hi)]
+        return [whole(lo, hi)]
     except _Steep:
-        if halvings == 0:
+        if left == 0:
             raise InvalidInput(
-                f"{type(side.muscle).__name__}: the force has a kink or a jump in pressure near {(lo + hi) / 2:.6g} "
-                "Pa; a law with kinks has to declare them, see Basis"
+                f"{what} has a kink or a jump in pressure near {np.mean(lo + hi) / 2:.6g} Pa; a law with kinks has to "
+                "declare them, see Basis"
             ) from None
     middle = (lo + hi) / 2
-    return [*_segments(side, basis, lo, middle, halvings - 1), *_segments(side, basis, middle, hi, halvings - 1)]
+    return [*_halved(whole, lo, middle, what, left - 1), *_halved(whole, middle, hi, what, left - 1)]
 
 
 class _Steep(Exception):
@@ -79,21 +84,8 @@ def _gas_rows(side: OneMuscle, lowest: Array | float, highest: Array | float) ->
     kinks = side.muscle.basis.kinks
     starts, ends = [-np.inf, *kinks], [*(np.nextafter(kink, -np.inf) for kink in kinks), np.inf]
     pieces = [(np.maximum(lo, a), np.minimum(hi, b)) for a, b in zip(starts, ends, strict=True)]
-    return _stacked([segment for a, b in pieces for segment in _gas_segments(side, a, b)])
-
-
-def _gas_segments(side: OneMuscle, lo: Array, hi: Array, halvings: int = _HALVINGS) -> list[Array]:
-    """Return the segments between lo and hi (n,), halved until polynomials follow the law."""
-    try:
-        return [_gas_segment(side, lo, hi)]
-    except _Steep:
-        if halvings == 0:
-            raise InvalidInput(
-                f"{type(side.muscle).__name__}: with trapped gas the stiffness has a kink or a jump in pressure; a law "
-                "with kinks has to declare them, see Basis"
-            ) from None
-    middle = (lo + hi) / 2
-    return [*_gas_segments(side, lo, middle, halvings - 1), *_gas_segments(side, middle, hi, halvings - 1)]
+    whole, what = partial(_gas_segment, side), f"{type(side.muscle).__name__}: with trapped gas the stiffness"
+    return _stacked([segment for a, b in pieces for segment in _halved(whole, a, b, what)])
 
 
 def _gas_segment(side: OneMuscle, lo: Array, hi: Array) -> Array:
