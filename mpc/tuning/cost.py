@@ -74,7 +74,7 @@ class Evaluation(NamedTuple):
     nominal: tuple[Margins, ...]  # by posture
     peaks: tuple[float, ...]  # M_s of each draw
     limit: float  # of M_s on the model
-    bears: float = 0.0  # limit of the inertia margin
+    bears: float  # limit of the inertia margin
 
     @property
     def error(self) -> float:

@@ -28,6 +28,7 @@ from allocator.mechanism.mechanism import Mechanism
 from allocator.presentation.tables import number
 from allocator.units import BAR, DEG
 
+_PROVED = 1e-9  # a smaller gap is rounding
 _NAMES = {  # `OneMuscle.interval` gives every muscle the flags of an agonist
     Limit.P1_LOWER: "lower",
     Limit.P1_UPPER: "upper",
@@ -91,9 +92,6 @@ class _Judged:
         affine, left = self.problem.mechanism.affine, self.found.left
         residual = self._residual if affine else np.where(left <= self.gap, 0.0, np.inf)
         return certificate.decide(self.problem, self._given, self._stiffness, residual)
-
-
-_PROVED = 1e-9  # a smaller gap is rounding
 
 
 @dataclass(frozen=True, eq=False)

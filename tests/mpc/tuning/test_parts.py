@@ -133,7 +133,7 @@ def tried(rms, echo=0.0, at=50, peaks=(1.5,)):
     """M_s on the model depends on the response to a disturbed reading: 1 + `echo`, if that is not at the end."""
     response = Margins.of(0.0, 5.0, np.array([1.0, *(echo if k == at else 0.0 for k in range(1, 100))]), 0.01)
     start = Tuning.start("mpc", Settings(PLANT))
-    return Evaluation(start, (Figures({"sine": rms}, 0.0, 0.0),), (response,), peaks, 2.0)
+    return Evaluation(start, (Figures({"sine": rms}, 0.0, 0.0),), (response,), peaks, 2.0, 0.0)
 
 
 def test_a_tuning_that_keeps_the_limit_tells_what_it_costs():
