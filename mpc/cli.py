@@ -10,8 +10,8 @@ import warnings
 from allocator.cli import app
 from allocator.shell import failures
 from allocator.shell.options import Command
-from mpc.bench.cli import devices_command, run_command, sweep_command
-from mpc.bench.measure_cli import measure_command
+from mpc.bench.shell.cli import devices_command, run_command, sweep_command
+from mpc.bench.shell.measure_cli import measure_command
 from mpc.explorer.cli import explore
 from mpc.export.cli import export_app
 from mpc.export.serial.cli import bench_check_command

@@ -16,19 +16,19 @@ from allocator.shell.options import grouped, within
 from allocator.shell.outputs import IMAGES, Force, check_ending, claim, say
 from allocator.units import BAR, PERCENT
 from mpc.arm.options import Described, HandOptions, asked_of_arm, described, owner_of_arm, refuse_options_of_one_joint
-from mpc.bench.options import BenchOptions, Opened
+from mpc.bench.shell.options import BenchOptions, Opened
 from mpc.plant_cli import LoopOptions, PlantOptions
 from mpc.repetition.options import RepeatOptions, progress, report
 
 if TYPE_CHECKING:
     from allocator.mechanism.endpoint import Endpoint
     from mpc.bench.cycle import Cycle
-    from mpc.bench.dashboard import Dashboard
     from mpc.bench.device import Device
     from mpc.bench.logs import Record
     from mpc.bench.record import Lateness
     from mpc.bench.repeating import Repeated
     from mpc.bench.safety import Ending
+    from mpc.bench.shell.dashboard import Dashboard
     from mpc.observer.base import Observer
     from mpc.repetition.learner import Learner
     from mpc.trials.motions.corrections import Correction, Owner

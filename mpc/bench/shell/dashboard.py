@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Self
 
 from allocator.lazy import Table
-from mpc.bench.live_plot import State, plotted
+from mpc.bench.shell.live_plot import State, plotted
 
 if TYPE_CHECKING:
     from mpc.bench.rows import Row
@@ -49,7 +49,7 @@ class Dashboard:
         self._late: list[float] = []
 
     def __enter__(self) -> Self:
-        command = [sys.executable, "-m", "mpc.bench.dashboard", *[_PLOT] * self._plot]
+        command = [sys.executable, "-m", "mpc.bench.shell.dashboard", *[_PLOT] * self._plot]
         environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # a window is wanted
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True, env=environment)
         assert self._process.stdin is not None

@@ -14,8 +14,8 @@ from allocator.identification.options import LogOptions
 from allocator.shell.options import finite, grouped, row, within
 from allocator.shell.outputs import IMAGES, AsJSON, Force, check_ending, claim, print_json, say, write
 from allocator.units import BAR, DEG, PERCENT
-from mpc.bench.cli import exit_code, hanger, say_ending
-from mpc.bench.options import BenchOptions
+from mpc.bench.shell.cli import exit_code, hanger, say_ending
+from mpc.bench.shell.options import BenchOptions
 from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from mpc.plant_cli import PlantOptions
 
 if TYPE_CHECKING:
     from mpc.bench.cycle import Settings
-    from mpc.bench.dashboard import Dashboard
     from mpc.bench.device import Clock, Device
+    from mpc.bench.shell.dashboard import Dashboard
     from mpc.model.arm.model import Arm
     from mpc.model.compensation import Compensation
     from mpc.model.machine import Machine
@@ -110,7 +110,7 @@ class BenchOptions:
 
     def dashboard(self, machine: "Machine") -> "Dashboard | None":
         """Return the dashboard of a loop on this machine, None if it is quiet."""
-        from mpc.bench.dashboard import Dashboard
+        from mpc.bench.shell.dashboard import Dashboard
 
         return None if self.quiet else Dashboard(machine, plot=self.plot)
 

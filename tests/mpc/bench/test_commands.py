@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from allocator import BAR
 from mpc import RealPlant
-from mpc.bench import dashboard
 from mpc.bench.device import DeviceLost
 from mpc.bench.devices.simulated import SimulatedDevice
 from mpc.bench.logs import read_log
 from mpc.bench.loop import Tracking
-from mpc.bench.options import BenchOptions
 from mpc.bench.rows import Row
+from mpc.bench.shell import dashboard
+from mpc.bench.shell.options import BenchOptions
 from mpc.cli import app
 from mpc.model.arm.model import Arm
 from mpc.plant_cli import PlantOptions

@@ -3,7 +3,7 @@
 import matplotlib
 import pytest
 
-from mpc.bench import live_plot
+from mpc.bench.shell import live_plot
 
 
 def states(n):
