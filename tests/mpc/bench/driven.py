@@ -6,6 +6,7 @@ command) or "thread" (nothing hangs, but the loop is in a thread, and the progra
 """
 
 import os
+import signal
 import sys
 import threading
 import time
@@ -34,6 +35,8 @@ def sleeping(stubborn):
 
 
 def main(directory, hang):
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
     commands = os.open(directory / "commands", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     readings, enough = iter(range(10**9)), threading.Event()
 

@@ -133,6 +133,7 @@ def test_a_terminal_that_closes_is_no_failure_of_the_program(tmp_path):
     log = tmp_path / "run.csv"
     child, terminal = pty.fork()
     if child == 0:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
         program = "from mpc.__main__ import main; main()"
         arguments = ["run", "min-jerk", "--device", "sim", "--controller", "pid", "--out", str(log)]
         os.execv(sys.executable, [sys.executable, "-c", program, *arguments])
