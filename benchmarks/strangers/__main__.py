@@ -95,7 +95,7 @@ def main() -> None:
     parser.add_argument(
         "--models",
         default=",".join(MODELS),
-        help="models of the controllers; tuning takes a quarter of an hour per stranger",
+        help="models of the controllers; tuning takes five minutes per stranger",
     )
     parser.add_argument("--ages", action="store_true", help="readings that are older than told, instead")
     for part, module in PARTS.items():

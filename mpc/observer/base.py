@@ -47,7 +47,7 @@ class Differentiator:
 
     def reset(self) -> None:
         """Forget the past samples."""
-        self._angles: Array | None = None  # (n,)
+        self.angles: Array | None = None  # (n,)
         self._units_shown = False
 
     def estimate(self, y: Array, u: Array) -> tuple[Array, float]:
@@ -60,9 +60,9 @@ class Differentiator:
             self._units_shown = units_shown("y", x[2 * n :], stacklevel=2)
         now, speed = x[:n].copy(), x[n : 2 * n]  # a view
         if np.isnan(speed).any():
-            difference = np.zeros(n) if self._angles is None else (now - self._angles) / self.dt
+            difference = np.zeros(n) if self.angles is None else (now - self.angles) / self.dt
             speed[:] = np.where(np.isnan(speed), difference, speed)
-        self._angles = now
+        self.angles = now
         return x, 0.0
 
 

@@ -12,12 +12,12 @@ PID's integral replaces the observer's disturbance torque; the others use that t
 """
 
 from dataclasses import dataclass, fields
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from allocator.calculus import Array
+from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
 from allocator.units import BAR
 from mpc.model.arm.model import Arm
@@ -59,9 +59,9 @@ class Baseline(BaseController):
         from mpc.tracking.compiled.module import compiled_plant
         from mpc.tracking.compiled.qp_step import CompiledFeedForward
 
-        made = compiled_plant(self.plant, self.dt)
-        if made.p.size and isinstance(self._feed_forward, InverseDynamics):
-            self._feed_forward = CompiledFeedForward(made, self._feed_forward)
+        readable = self._feed_forward
+        if isinstance(readable, InverseDynamics) and (made := compiled_plant(self.plant, self.dt)).p.size:
+            self._feed_forward = CompiledFeedForward(made, readable)
         return self
 
     def _optimise(self, situation: Situation) -> Optimised:
@@ -81,6 +81,11 @@ class Baseline(BaseController):
     def _given(self, u: Array, wanted: Array) -> None:
         """Record, after every step, the first limited command for the `wanted` one (2,)."""
         return None
+
+    @property
+    def remembered(self) -> tuple[Value, ...]:
+        """Memory of the feedback: see `mpc.tracking.compiled.sample.layout.Fed`."""
+        return 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 class FeedForwardControl(Baseline):
@@ -158,6 +163,11 @@ class PIDControl(Baseline):
     def _given(self, u: Array, wanted: Array) -> None:
         self._saturated = bool((u != wanted).any())
 
+    @property
+    def remembered(self) -> tuple[Value, ...]:
+        """Memory of the feedback."""
+        return self._integral, self._slope, nan if self._error is None else self._error, self._saturated, 0.0
+
 
 class PIControl(PIDControl):
     """PI feedback of the encoder's angle, and feed-forward. Without a derivative its gains are low."""
@@ -193,16 +203,21 @@ class LQRControl(Baseline):
         A, B, _, R, N = problem = regulator(model, dt, diagonal(weights), weights.rate)
         S = solve_riccati(*problem)
         gain = np.linalg.solve(R + B.T @ S @ B, B.T @ S @ A + N.T)
-        self._gain = gain * BAR / model.units  # G (2, 6) in SI units
+        self.gain = gain * BAR / model.units  # G (2, 6) in SI units
         super().__init__(plant, dt, compensation)
 
     def _forget(self) -> None:
         self._e = np.zeros(NU)  # the last command minus its feed-forward, both as they should act [Pa]
 
     def _wanted(self, task: Task, feed: FeedForward) -> Array:
-        e = -self._gain @ np.concatenate([task.x - feed.x[0], self._e])
+        e = -self.gain @ np.concatenate([task.x - feed.x[0], self._e])
         self._star = feed.u[0]
         return np.asarray(feed.u + e)
 
     def _given(self, u: Array, wanted: Array) -> None:
         self._e = u - self._star
+
+    @property
+    def remembered(self) -> tuple[Value, ...]:
+        """Memory of the feedback."""
+        return 0.0, 0.0, 0.0, 0.0, self._e

@@ -53,6 +53,12 @@ def estimate(sample: int, y: Array, u: Array) -> int:
 
 
 @inlined
+def newest(o: Sample) -> Array:
+    """Return the present estimate (3n + m,), a view."""
+    return o.work.ahead.xi
+
+
+@inlined
 def copy_state(one: Places, other: Places) -> None:
     """Copy one state to the other."""
     state, tail, to_state, to_tail = floats(one.state), floats(one.tail), floats(other.state), floats(other.tail)

@@ -141,7 +141,7 @@ def _structured(problem: TrackingProblem) -> "StructuredQP | None":
 
 def setting(problem: TrackingProblem, in_bar: bool = False) -> "Setting":
     """Return the constants of `problem` for the compiled functions; `in_bar` counts the states' pressures in bar."""
-    from mpc.tracking.compiled.records import Bounds, Cost, Setting
+    from mpc.tracking.compiled.records import Cost, Setting, bounds_of
 
     rows, limits, L = problem.rows, problem.limits, problem.L
     states = rows.x.size
@@ -149,8 +149,6 @@ def setting(problem: TrackingProblem, in_bar: bool = False) -> "Setting":
     units[states - rows.e.size if in_bar else states :] = BAR
     end = (L.T @ L) * np.outer(units, units)
     cost = Cost(rows.x * units[:states] ** 2, rows.y, rows.e * BAR**2, rows.rate * BAR**2 / problem.dt**2, end)
-    low, high = limits.pressure
-    bounds = Bounds(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
     w = problem.weights
     slack = np.array([w.slack, w.slack_square, w.slack_force, w.slack_force_square])
-    return Setting(cost, bounds, problem.curvature, inf, ACCURACY, slack, problem.starts.astype(np.int64))
+    return Setting(cost, bounds_of(limits), problem.curvature, inf, ACCURACY, slack, problem.starts.astype(np.int64))

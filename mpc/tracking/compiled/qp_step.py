@@ -101,13 +101,13 @@ class CompiledFeedForward:
     def __init__(self, plant: "CompiledPlant", readable: InverseDynamics) -> None:
         from mpc.tracking.compiled.sample.arrays import StepArrays
 
-        self._plant, self.readable = plant, readable
+        self.plant, self.readable = plant, readable
         self.feeding = self._feeding(readable)
         self.arrays = StepArrays(plant, len(readable.slopes[0]) - 1, feeding=self.feeding)
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Return a copy with its own buffers."""
-        return type(self)(self._plant, self.readable)
+        return type(self)(self.plant, self.readable)
 
     def __call__(self, theta: Array, K: Array, d: Array) -> FeedForward:
         """Return the feed-forward for `theta` [rad] and `K` [N·m/rad] under torques `d` [N·m], (N+1, …)."""

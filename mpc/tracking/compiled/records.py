@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allocator.calculus import Array, Mask
+from allocator.units import BAR
 from mpc.codegen.views import length_of, viewer
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
+from mpc.tracking.limits import Limits
 
 Indices: TypeAlias = NDArray[np.int64]
 Signs: TypeAlias = NDArray[np.int8]  # the limit at which a change or its command is held, see `sizes`
@@ -38,6 +40,12 @@ class Bounds(NamedTuple):
     left: float  # joint range [rad]
     right: float  # [rad]
     min_force: float  # [N]
+
+
+def bounds_of(limits: Limits) -> Bounds:
+    """Return the bounds of these `limits`."""
+    low, high = limits.pressure
+    return Bounds(low / BAR, high / BAR, limits.step / BAR, *limits.theta, limits.min_force)
 
 
 class Setting(NamedTuple):

@@ -7,6 +7,8 @@ does so for an arm (`mpc.tracking.compiled.arm.step`, `feedforward`), and sets i
 
 from typing import Any
 
+import numpy as np
+
 from allocator.calculus import Array
 from allocator.units import BAR
 from mpc.codegen.addresses import floats_at, seconds_at
@@ -33,8 +35,17 @@ from mpc.tracking.compiled.sample.stages import (
     take,
     under_way,
 )
-from mpc.tracking.compiled.sample.views import asked_in, known_in, made_in, memory_in, plan_length, room_in, state_in
-from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, TRACKED
+from mpc.tracking.compiled.sample.views import (
+    asked_in,
+    gains_in,
+    known_in,
+    made_in,
+    memory_in,
+    plan_length,
+    room_in,
+    state_in,
+)
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, NX, TRACKED
 from mpc.tracking.rest_memory import HELD, RESTS, RINGS, SIDE
 
 FORMULAS: Any = None
@@ -48,7 +59,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     `table` is the address of `Inputs`, `last` the result of the previous step, `out` that of this one
     (`mpc.tracking.compiled.sample.layout`). The parts are the feed-forward for `asked`, the linear model about `given`,
     and the rollout of `z`. The whole step uses the state `x`, flat previews `theta` and `K`, and the torques in
-    `asked`. In a rest, held pressures replace the QP's solution.
+    `asked`. In a rest, held pressures replace the QP's solution, and without a QP commands in closed form do.
     """
     i = inputs_at(table)
     began = seconds_at(i.clock, i.name)
@@ -57,27 +68,30 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     whole, done, rests, delay = what == WHOLE, True, False, room.waiting.shape[0]
     made, (before, after) = made_in(out[: plan_length(now.u.shape[0])]), states_of(i, now.u.shape[0], last, out)
     bounds = setting_in(i.numbers, i.starts).bounds
-    torques = want.torques[delay * JOINTS :]
     copy_set(i.guess, i.kept)
     if whole:
         ask(x, theta, K, want)
         done = foreseen(i, table, last, out, k, want, room, before, after)
         rests = done and i.rested != 0 and stage_at(i.rested, (table, last, out))
     if done and (whole or what == FEED):
-        previews = want.theta[delay * JOINTS :], want.K[delay * TRACKED**2 :], torques
+        previews = want.theta[delay * JOINTS :], want.K[delay * TRACKED**2 :], want.torques[delay * JOINTS :]
         done = feed_forward(i, *previews, now.reference, made.moved)
+    solves = i.closed == 0 and not rests
     fed = linearised = seconds_at(i.clock, i.name)
     if whole and done:
-        take(room.path[delay], torques, before, now)
-        if not rests:
+        take(room.path[delay], before, now)
+        if solves:
             shift_set(i.starts, i.kept, i.guess)
-    if done and not rests and (whole or what == LINEARISE):
+    if done and solves and (whole or what == LINEARISE):
         linearise(i, k, bounds, now)
         linearised = seconds_at(i.clock, i.name)
-    if whole and done and not rests:
+    if whole and done and solves:
         done, i.counted[0] = settle_at(i.settle, (i.numbers, i.starts, i.given, i.buffer, i.guess, i.z))
+    if whole and done and i.closed != 0:
+        done = stage_at(i.closed, (table, last, out))
     if done and (whole or what == ROLLOUT):
-        command(i, bounds, now, rests, before, after, made)
+        if i.closed == 0:
+            command(i, bounds, now, rests, before, after, made)
         done = rollout(i, k, bounds, now, room.y, made)
     if whole and done:
         invert_dead_band(k, bounds, want, before, after.rest[SIDE] if rests else 0.0, made)
@@ -151,6 +165,57 @@ def rested(table: int, last: Array, out: Array) -> bool:
     return bool(after.rest[RESTS] > 0)
 
 
+@compiled_flat
+def fed_back(table: int, last: Array, out: Array) -> bool:
+    """Replace the external torque in those for the feed-forward by the one of the errors: see `PIDControl`; return
+    whether that is finite.
+    """
+    i = inputs_at(table)
+    asked, room, g = asked_in(i.asked), room_in(i.room), gains_in(i.gains)
+    before, after = states_of(i, given_in(i.given).u.shape[0], last, out)
+    was, now, delay = before.fed, after.fed, room.waiting.shape[0]
+    theta, x, error = asked.theta[delay:], room.path[delay], asked.theta[0] - asked.x[0]
+    previous = error if np.isnan(was.error[0]) else was.error[0]
+    now.error[0] = error
+    now.integral[0] = was.integral[0] + (0.0 if was.saturated[0] > 0 else g.dt * error)
+    now.slope[0] = slope = was.slope[0] + g.share * ((error - previous) / g.dt - was.slope[0])
+    if g.predicted:
+        omega = -1.5 / g.dt * theta[0] + 2.0 / g.dt * theta[1] - 0.5 / g.dt * theta[2]
+        error, slope = theta[0] - x[0], omega - x[1]
+    T = g.proportional * error + g.integral * now.integral[0] + g.derivative * slope
+    for k in range(asked.torques.size):
+        asked.torques[k] -= asked.d[0] + T
+    return bool(np.isfinite(T))
+
+
+@compiled_flat
+def closed(table: int, last: Array, out: Array) -> bool:
+    """Fill in the commands [bar] of a feedback of the state about the feed-forward, within the limits: see `Baseline`
+    and `LQRControl`; return whether they are finite.
+    """
+    i = inputs_at(table)
+    given, g, bounds = given_in(i.given), gains_in(i.gains), setting_in(i.numbers, i.starts).bounds
+    before, after = states_of(i, given.u.shape[0], last, out)
+    made, star, was, now = made_in(out[: plan_length(given.u.shape[0])]), given.reference, before.fed, after.fed
+    made.rests[0] = now.saturated[0] = 0.0
+    for j in range(NU):
+        e = 0.0
+        for row in range(NX):
+            e -= g.state[j, row] * (given.x[row] - star.x[0, row])
+        for row in range(NU):
+            e -= g.state[j, NX + row] * was.e[row]
+        for k in range(given.u.shape[0]):
+            made.u[k, j] = (star.u[k, j] + e) / BAR
+        now.e[j] = made.u[0, j]
+    done = finite(made.u)
+    limit(bounds.low, bounds.high, bounds.step, given.last[0], BAR, made.u)
+    for j in range(NU):
+        if made.u[0, j] != now.e[j]:
+            now.saturated[0] = 1.0
+        now.e[j] = BAR * made.u[0, j] - star.u[0, j]
+    return done
+
+
 # --- before and after the QP ------------------------------------------------------------------------------------------
 
 
@@ -159,7 +224,7 @@ def foreseen(
     i: Inputs, table: int, last: Array, out: Array, known: Known, asked: Asked, room: Room, before: State, after: State
 ) -> bool:
     """Fill in the predictions of `Preview.task`: the torques, the memories of friction, and the motion until a command
-    acts; return whether the sample is an ordinary one.
+    acts; and the torques for the feed-forward in `asked`. Return whether the sample is an ordinary one.
     """
     if not plausible(known, asked, room.factor):
         return False
@@ -172,7 +237,10 @@ def foreseen(
         return False
     under_way(before, asked.x, room.waiting)
     motion(i, known, asked.x, room.waiting, asked.torques, room.path)
-    return finite(room.path)
+    given, first = given_in(i.given), room.waiting.shape[0] * JOINTS
+    for k in range(given.d.size):
+        given.d[k] = asked.torques[first + k]
+    return finite(room.path) and (i.fed_back == 0 or stage_at(i.fed_back, (table, last, out)))
 
 
 @inlined_flat

@@ -22,7 +22,7 @@ from mpc.trials.many.driving import Answers, Plant
 FORMULAS: Any = None
 process = observer = joint = FORMULAS
 
-OPTIMAL, RESTING, QP, ALLOCATION = 0, 9, 0, 3  # of `PlanStatus` and `Rung`
+OPTIMAL, CLOSED_FORM, RESTING, QP, ALLOCATION = 0, 5, 9, 0, 3  # of `PlanStatus` and `Rung`
 
 
 @compiled
@@ -38,7 +38,7 @@ def driven(
     asked, N = asked_in(i.asked), given_in(i.given).u.shape[0]
     ahead = asked.theta.size
     sample, what = observer.sample_at(observed), np.int64(WHOLE)  # numba would compile the step again for a constant
-    xi, last, out = sample.work.ahead.xi, both[0], both[1]
+    xi, last, out, closed = observer.newest(sample), both[0], both[1], i.closed != 0
     for k in range(first, M):
         process.read(plant.sensors, plant.full, plant.angles, plant.noise[k], y)
         if not observer.filtered(sample, y, answers.u[k - 1]):
@@ -53,12 +53,13 @@ def driven(
             return k
         made = made_in(out[: plan_length(N)])
         rests = made.rests[0] > 0
-        answers.rung[k], answers.status[k] = (ALLOCATION, RESTING) if rests else (QP, OPTIMAL)
+        answers.rung[k] = ALLOCATION if rests or closed else QP
+        answers.status[k] = RESTING if rests else CLOSED_FORM if closed else OPTIMAL
         for j in range(2):
             answers.u[k, j] = plant.waiting[-1, j] = made.sent[0, j]
         answers.slack[k], answers.slack_force[k] = made.slack[0], made.slack[1]
         for j in range(3):
-            answers.moved[k, j] = made.moved[j]
+            answers.moved[k, j] = np.nan if closed else made.moved[j]
         moving = plant.full, plant.waiting, plant.angles
         process.advance(plant.c, plant.durations, plant.steps, *moving, plant.torques[k])
         for j in range(4):

@@ -1,13 +1,14 @@
 """Compiled loop of a controller, its observer and a compiled plant, if all three can be compiled.
 
-The controller has to be the `TrackingMPC` of a joint with a compiled step, with the `KalmanObserver` of the same plant
-and `Compensation`. The readable parts make the first samples of a run, and the flat values are then copied from them.
+The controller has to be the `TrackingMPC` of a joint with a compiled step, or a baseline of a joint; the observer a
+`KalmanObserver` of the same plant and `Compensation`, or a `Differentiator`. The readable parts make the first samples
+of a run, and the flat values are then copied from them.
 `simulate` makes runs with samples that are not ordinary (`mpc.trials.many.driven`).
 """
 
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,18 @@ from allocator.calculus import Array
 from mpc.codegen.modules import imported, with_formulas
 from mpc.model.arm.model import Arm
 from mpc.model.plant import NU
-from mpc.observer.base import Observer
+from mpc.observer.base import Differentiator, Observer
+from mpc.observer.compiled.differences import CompiledDifferences
 from mpc.observer.compiled.factory import CompiledEstimate
 from mpc.observer.kalman import KalmanObserver
+from mpc.tracking.base import BaseController
 from mpc.tracking.compiled.sample.whole import WholeStep
 from mpc.tracking.controller import TrackingMPC
 from mpc.tracking.qp.solvers import Riccati
 from mpc.trials.many.plant import CompiledExperiment
 from mpc.trials.simulation import ClosedLoop, Controller
+from mpc.yardsticks.baselines import Baseline
+from mpc.yardsticks.closed_step import ClosedStep, closed_step
 
 
 class Plant(NamedTuple):
@@ -55,16 +60,19 @@ class Answers(NamedTuple):
 
 READABLE = 2  # first samples, by the readable parts, which then have the complete state
 
+Whole: TypeAlias = WholeStep | ClosedStep
+Estimate: TypeAlias = CompiledEstimate | CompiledDifferences
+
 _TEMPLATE = Path(__file__).parent / "driven.py"
 
 
 class Driving:
     """Compiled loop of a controller and its observer with plants, and the arrays of its step."""
 
-    def __init__(self, controller: TrackingMPC, whole: WholeStep, estimate: CompiledEstimate) -> None:
+    def __init__(self, controller: Controller, whole: Whole, estimate: Estimate) -> None:
         self._controller, self._whole, self._estimate = controller, whole, estimate
         self._arrays = whole.arrays()
-        self._modules = {"observer": estimate.module, "joint": whole.qp_step.plant.step}
+        self._modules = {"observer": estimate.module, "joint": whole.module}
 
     def _loop(self, process: ModuleType) -> ModuleType:
         """Return the loop for plants under test of the kind `process`."""
@@ -105,16 +113,21 @@ class Driving:
 
 def driving(controller: Controller, observer: Observer | None) -> Driving | None:
     """Return a compiled driver equal to controller and observer, if they can be compiled."""
-    if type(controller) is not TrackingMPC or type(observer) is not KalmanObserver or isinstance(controller.plant, Arm):
+    if not isinstance(controller, BaseController) or (whole := _whole(controller)) is None:
         return None
-    whole, estimate = controller._whole, observer.compiled
-    if whole is None or estimate is None:
+    if type(observer) is Differentiator:
+        return Driving(controller, whole, CompiledDifferences(observer))
+    if type(observer) is not KalmanObserver or observer.compiled is None:
         return None
-    able = (
-        isinstance(controller._solve, Riccati)
-        and controller.iterations == 1
-        and controller.budget is None  # results must not depend on the speed of the machine
-        and (controller.plant, controller.compensation, controller.dt)
-        == (observer.plant, observer.compensation, observer.dt)
-    )
-    return Driving(controller, whole, estimate) if able else None
+    told, other = ((part.plant, part.compensation, part.dt) for part in (controller, observer))
+    return Driving(controller, whole, observer.compiled) if told == other else None
+
+
+def _whole(controller: BaseController) -> Whole | None:
+    """Return the compiled step of a joint's controller whose results do not depend on the speed of the machine."""
+    if isinstance(controller, Baseline):
+        return closed_step(controller)
+    if type(controller) is not TrackingMPC or isinstance(controller.plant, Arm):
+        return None
+    able = isinstance(controller._solve, Riccati) and controller.iterations == 1 and controller.budget is None
+    return controller._whole if able else None

@@ -14,11 +14,19 @@ from mpc.model.faults import SilentSensors, WrongReadings
 from mpc.model.friction.dahl import Friction
 from mpc.model.friction.maxwell_slip import MaxwellSlip
 from mpc.model.real import RealArm
+from mpc.observer.base import Differentiator
 from mpc.trials.many.driving import driving
 from mpc.trials.many.entry import Loop, spread
 from mpc.trials.many.plant import compiled_plant
 from mpc.trials.metrics import metrics
-from mpc.yardsticks.baselines import FeedForwardControl, PIDControl, PIDGains
+from mpc.yardsticks.baselines import (
+    FeedForwardControl,
+    LQRControl,
+    PIControl,
+    PIDControl,
+    PIDGains,
+    PredictivePIDControl,
+)
 
 pytestmark = pytest.mark.compiles
 
@@ -165,6 +173,36 @@ def test_a_compiled_loop_predicts_the_present_from_old_readings_as_simulate_does
     many = simulate_many(REAL, controller, MOVE, observers=observer, seeds=[11], keep=True)
     assert many.implementation == ("compiled",)
     assert same(many[0], simulate(REAL, controller, MOVE, observer=observer, seed=11))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("watched", [True, False], ids=["kalman", "differences"])
+@pytest.mark.parametrize("told", [REAL.known(), replace(REAL.known(), dead_time=0.01, reading_age=0.02)], ids=str)
+@pytest.mark.parametrize("kind", [FeedForwardControl, PIDControl, PIControl, PredictivePIDControl, LQRControl])
+def test_a_compiled_baseline_answers_as_simulate_does(kind, told, watched):
+    controller = kind(MODEL, DT, told)
+    observer = KalmanObserver(MODEL, DT, compensation=told) if watched else Differentiator(DT)
+    many = simulate_many(REAL, controller, MOVE, observers=observer, seeds=[11], keep=True)
+    assert many.implementation == ("compiled",)
+    assert same(many[0], simulate(REAL, kind(MODEL, DT, told), MOVE, observer=observer, seed=11))
+
+
+@pytest.mark.slow
+def test_a_compiled_integral_is_frozen_at_a_limit_as_that_of_simulate_is():
+    gains, jump = PIDGains(300.0, 900.0, 0.0, 0.0), replace(MOVE, theta=np.sign(MOVE.theta) * 0.3)
+    controllers = [PIDControl(MODEL, DT, gains=gains) for _ in range(2)]
+    many = simulate_many(MODEL, controllers[0], jump, observers=Differentiator(DT), keep=True)
+    alone = simulate(MODEL, controllers[1], jump, observer=Differentiator(DT))
+    assert many.implementation == ("compiled",)
+    assert same(many[0], alone)
+    assert (np.abs(np.diff(alone.u, axis=0)) > 0.999 * MODEL.slew * DT).any()
+
+
+def test_a_baseline_of_another_kind_is_left_to_simulate():
+    class Own(PIDControl):
+        pass
+
+    assert driving(Own(MODEL, DT), Differentiator(DT)) is None
 
 
 @pytest.mark.parametrize("other", [{"iterations": 2}, {"budget": 10.0}, {"solver": "daqp"}])

@@ -126,7 +126,7 @@ class CompiledArmFeedForward(CompiledFeedForward):
         low, high = arm.mechanism.pressure_limits
         most = np.array([min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles])
         inverse = ArmInverse(readable.alpha[0], most, low, high, readable.min_force, *map(np.array, arm.angle_limits))
-        module, of_hand = self._plant.step, arm.endpoint is not None
+        module, of_hand = self.plant.step, arm.endpoint is not None
         targets = np.zeros(length_of(ArmTargets, len(readable.slopes[0]) - 1, known=module.ARM))
         room = allocating(targets, in_python(module.targets_in)(targets), of_hand)
         return Feeding(flat(inverse), readable.slopes, np.zeros(0), room)

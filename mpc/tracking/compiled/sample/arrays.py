@@ -11,9 +11,9 @@ from mpc.codegen.addresses import clock, entry_of
 from mpc.codegen.tables import table_of
 from mpc.codegen.views import flat, in_python, length_of
 from mpc.model.compiled_friction import ABSENT, NO_FRICTION, memory_of, rubbing_in
-from mpc.tracking.compiled.records import Given, Setting
+from mpc.tracking.compiled.records import Bounds, Cost, Given, Setting
 from mpc.tracking.compiled.sample.calls import stage_of
-from mpc.tracking.compiled.sample.layout import Asked, Inputs, JointInverse, Known, Made, Room, State
+from mpc.tracking.compiled.sample.layout import Asked, Gains, Inputs, JointInverse, Known, Made, Room, State
 from mpc.tracking.compiled.sample.stages import FEED, LINEARISE, ROLLOUT
 from mpc.tracking.feedforward import InverseDynamics
 from mpc.tracking.preview import CORRECTED
@@ -57,8 +57,15 @@ def feeding_of(readable: InverseDynamics) -> Feeding:
     return Feeding(flat(JointInverse(*numbers)), readable.slopes, np.zeros(0))
 
 
+class Closed(NamedTuple):
+    """Constants of a controller in closed form."""
+
+    bounds: Bounds
+    gains: Gains
+
+
 class Beyond(NamedTuple):
-    """Gate of a measured state, and constants of the compensation and the rest mode."""
+    """Gate of a measured state, and constants of the compensation, the rest mode and a controller without a QP."""
 
     gate: tuple[Array, Array]  # (2n + m,) least and greatest values
     friction: Array  # numbers (n, …), see `mpc.model.compiled_friction`
@@ -66,6 +73,7 @@ class Beyond(NamedTuple):
     dead_band: float  # [Pa]
     rests: bool  # whether commands come to rest at a constant reference
     rules: Rules  # of that
+    closed: Closed | None = None
 
 
 class _Unused(NamedTuple):
@@ -108,16 +116,20 @@ class StepArrays:
         feeding = feeding or Feeding(np.zeros(0), (np.zeros((N + 1, N + 1)),) * 2, np.zeros(0))
         inverse, slopes, self.turned, allocating = feeding
         targets, side, rounds, calls, self._kept = allocating
-        qp = structured or _unused(plant, N)
+        qp, closed = structured or _unused(plant, N, beyond.closed), beyond.closed
+        gains = np.zeros(0) if closed is None else flat(closed.gains)
         (numbers, starts, given, path), self.given = qp.arrays, qp.given
         known = flat(Known(plant.h, plant.substeps, *beyond.gate, beyond.dead_band, beyond.rules, CORRECTED))
         rubs = any(in_python(rubbing_in)(friction).kind != ABSENT for friction in beyond.friction)
         rubbed = stage_of(plant.step.rubbed) if rubs else 0
         rested = stage_of(plant.step.rested) if beyond.rests else 0
+        fed_back = stage_of(plant.step.fed_back) if closed and closed.gains.share > 0 else 0  # of PIDs
+        acts = stage_of(plant.step.closed) if closed else 0
         self._inputs = Inputs(
             plant.c, plant.p, plant.decay, inverse, np.ravel([D.T for D in slopes]), self.turned, known,
-            beyond.friction.ravel(), numbers, asked, given, path, qp.answer, room, targets, starts, qp.counted, rounds,
-            qp.guess, np.zeros_like(qp.guess), side, qp.address, *calls, rubbed, rested, *_CLOCK,
+            beyond.friction.ravel(), gains, numbers, asked, given, path, qp.answer, room, targets, starts, qp.counted,
+            rounds, qp.guess, np.zeros_like(qp.guess), side, qp.address, *calls, rubbed, rested, fed_back, acts,
+            *_CLOCK,
         )  # fmt: skip
         self._table = table_of(self._inputs)
         self.step = entry_of(plant.step.step, _KINDS)
@@ -156,9 +168,12 @@ def _nothing(sizes: Mapping[str, int]) -> Beyond:
     return Beyond(gate, np.tile(flat(NO_FRICTION), (sizes["n"], 1)), 0, 0.0, rests=False, rules=Rules(*9 * (0.0,)))
 
 
-def _unused(plant: "CompiledPlant", N: int) -> _Unused:
+def _unused(plant: "CompiledPlant", N: int, closed: Closed | None) -> _Unused:
     sizes: dict[str, int] = plant.step.SIZES
     numbers = np.zeros(length_of(Setting, known=sizes) + 2 * sizes["n"])  # bounds of several joints are longer
+    if closed is not None:
+        begin, bounds = length_of(Cost, known=sizes), flat(closed.bounds)
+        numbers[begin : begin + bounds.size] = bounds
     given, starts, m = np.zeros(length_of(Given, N, known=sizes)), np.zeros(1, np.int64), sizes["m"]
     views = in_python(plant.step.given_in)(given)
     return _Unused((numbers, starts, given, np.zeros(0)), views, np.zeros(m), np.zeros(m, np.int8), starts.copy(), 0)

@@ -39,6 +39,7 @@ class Inputs(NamedTuple):
     turned: Array  # of the feed-forward of a hand, see `mpc.tracking.compiled.arm.feedforward`; else empty
     known: Array
     friction: Array  # of every joint, see `mpc.model.compiled_friction`
+    gains: Array  # of a controller in closed form, see `Gains`
     numbers: Array  # of the setting, like the next two: see `mpc.tracking.compiled.records`
     asked: Array
     given: Array
@@ -59,10 +60,34 @@ class Inputs(NamedTuple):
     prove: int
     prove_one: int
     prove_all: int
-    rubbed: int  # stages of the step, 0 without friction or rests
+    rubbed: int  # stages of the step, 0 without friction, without rests, and with a QP
     rested: int
+    fed_back: int
+    closed: int
     clock: int
     name: int
+
+
+class Gains(NamedTuple):
+    """Gains of a controller in closed form; those that it lacks are 0. See `mpc.yardsticks.baselines`."""
+
+    proportional: float  # [N·m/rad]
+    integral: float  # [N·m/rad/s]
+    derivative: float  # [N·m·s/rad]
+    share: float  # of a sample's slope in the filtered one [-]
+    predicted: bool  # whether the errors are those at the end of the dead time
+    dt: float  # [s]
+    state: Annotated[Array, "m", "xi"]  # of (x - x*, e), in SI units
+
+
+class Fed(NamedTuple):
+    """Memory of a controller in closed form."""
+
+    integral: Annotated[Array, 1]  # [rad·s]
+    slope: Annotated[Array, 1]  # filtered [rad/s]
+    error: Annotated[Array, 1]  # [rad]
+    saturated: Annotated[Array, 1]  # whether a limit is active
+    e: Annotated[Array, "m"]  # the last command minus its feed-forward [Pa]
 
 
 class State(NamedTuple):
@@ -74,6 +99,7 @@ class State(NamedTuple):
     expected: Annotated[Array, "x"]  # the state predicted for now
     angle: Annotated[Array, "n"]  # origins of the motion in the frictions' memories [rad]
     rest: Annotated[Array, "rest"]  # numbers of `mpc.tracking.resting`
+    fed: Fed
     memory: Annotated[Array, "n", "springs"]  # of friction
     waiting: Annotated[Array, "delay", "m"]  # commands as they will act, oldest first [Pa]
 

@@ -81,11 +81,9 @@ def under_way(state: State, x: Array, waiting: Array) -> None:
 
 
 @inlined_flat
-def take(x: Array, torques: Array, state: State, given: Given) -> None:
+def take(x: Array, state: State, given: Given) -> None:
     """Set the new data of a step that begins in `x` (2n + m,): see `Ladder.previous` and `Ladder.shift`."""
     u_star, N, turns = given.reference.u, given.u.shape[0], not np.isnan(state.u[0, 0])
-    for k in range(given.d.size):
-        given.d[k] = torques[k]
     for i in range(NX):
         given.x[i] = x[i]
     for i in range(NU):

@@ -92,13 +92,34 @@ def _fill_rest_mode(rest_mode: RestMode, newest: Newest) -> None:
 
 def joined(qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts) -> "WholeStep | None":
     """Return the whole step of these parts, or None if a part of it is not compiled."""
+    beyond = beyond_of(parts)
+    return WholeStep(qp_step, feed_forward, parts, beyond) if beyond and feed_forward.whole else None
+
+
+def beyond_of(parts: Parts) -> Beyond | None:
+    """Return what the parts know beyond the model, or None for friction that is not compiled."""
     preview, rest_mode = parts.preview, parts.rest_mode
     frictions = numbers_of_joints([state.friction for state in preview.frictions])
-    if frictions is None or not feed_forward.whole:
+    if frictions is None:
         return None
     rests, gate = parts.rest and rest_mode.worthwhile, (preview.lower, preview.upper)
-    beyond = Beyond(gate, frictions, preview.delay, preview.compensation.dead_band, rests, rest_mode.rules)
-    return WholeStep(qp_step, feed_forward, parts, beyond)
+    return Beyond(gate, frictions, preview.delay, preview.compensation.dead_band, rests, rest_mode.rules)
+
+
+def take(state: State, parts: Parts) -> None:
+    """Copy the memory of the parts into a flat `state`."""
+    preview, ladder, rest_mode, *_ = parts
+    u = None if ladder.motion is None else ladder.motion.u
+    state.memory[...] = 0.0
+    for friction, memory, angle in zip(preview.frictions, state.memory, range(state.angle.size), strict=True):
+        memory[: friction.friction.size] = friction.memory
+        state.angle[angle] = np.nan if friction.theta is None else friction.theta
+    for array, value in (
+        (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
+        (state.waiting, preview.waiting or None), (state.expected, preview.expected),
+        (state.rest, rest_mode.numbers),
+    ):  # fmt: skip
+        array[...] = np.nan if value is None else value
 
 
 class WholeStep:
@@ -108,6 +129,7 @@ class WholeStep:
         self, qp_step: CompiledQPStep, feed_forward: CompiledFeedForward, parts: Parts, beyond: Beyond
     ) -> None:
         self.qp_step, self.feed_forward, self.beyond = qp_step, feed_forward, beyond
+        self.module = qp_step.plant.step
         self._parts, self.rest, plant = parts, parts.rest, parts.plant
         self._arrays = arrays = self.arrays()
         self._step, self._table, self._size, self._d = arrays.step, arrays.address, arrays.nothing.size, arrays.ask.d
@@ -198,19 +220,9 @@ class WholeStep:
 
     def _take(self) -> None:
         """Take the state from the parts."""
-        newest, (preview, ladder, rest_mode, *_) = self._newest, self._parts
+        newest = self._newest
         newest.out, newest.known = self._arrays.nothing.copy(), True
-        state, u = newest.state, None if ladder.motion is None else ladder.motion.u
-        state.memory[...] = 0.0
-        for friction, memory, angle in zip(preview.frictions, state.memory, range(state.angle.size), strict=True):
-            memory[: friction.friction.size] = friction.memory
-            state.angle[angle] = np.nan if friction.theta is None else friction.theta
-        for array, value in (
-            (state.u, u), (state.u_star, ladder.u_star), (state.sent, preview.last_sent),
-            (state.waiting, preview.waiting or None), (state.expected, preview.expected),
-            (state.rest, rest_mode.numbers),
-        ):  # fmt: skip
-            array[...] = np.nan if value is None else value
+        take(newest.state, self._parts)
 
 
 def _fields(arrays: StepArrays, plant: Machine, out: Array, took: float) -> dict[str, object]:
