@@ -213,7 +213,7 @@ class KalmanObserver:
     def _compile(self) -> None:
         """Create or load the compiled estimate, if possible."""
         arm = self.plant if isinstance(self.plant, Arm) else None
-        if not self._compiles or (arm is not None and (arm.unformulated or arm.gas is not None)):
+        if not self._compiles or (arm is not None and arm.unformulated):
             return
         again = KalmanObserver, self.plant, self.dt, self.noise, self.compensation  # compiles it in another process
         self.compiled = compiled_estimate(self.filter, self.diagnosis, self._readable, self.wait, again)

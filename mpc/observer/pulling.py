@@ -7,6 +7,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.mechanism.formulas import symbolic_lengths
 from mpc.codegen.buffered import Buffered
+from mpc.model.arm.formulas import falls
 from mpc.model.arm.model import Arm
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.machine import Machine
@@ -25,7 +26,7 @@ class Pulls:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._numeric = isinstance(machine, Arm) and (bool(machine.unformulated) or machine.gas is not None)
+        self._numeric = isinstance(machine, Arm) and bool(machine.unformulated)
         self._formulas = None if self._numeric else Buffered(pulling(machine))
 
     def __call__(self, x: Array) -> Array:
@@ -42,17 +43,16 @@ class Pulls:
 
 
 def pulling(machine: Machine) -> "Function":
-    """Return the pulls of a joint, or of an arm with formulas and without gas, as a CasADi function of the state."""
+    """Return the pulls of a joint, or of an arm with formulas, as a CasADi function of the state."""
     import casadi as ca
 
     if isinstance(machine, Arm):
-        s, x = machine.statics, ca.SX.sym("x", machine.size)
+        s = machine.statics
         arms = -ca.jacobian(symbolic_lengths(machine.mechanism.routes, s.q), s.q)  # (m, n)
         gains = ca.diag(ca.jacobian(s.forces, s.P))
         rows = [ca.vec((arms * ca.repmat(each, 1, machine.n)).T) for each in (s.forces, gains)]
-        of_posture = ca.Function("of_posture", [s.q, s.P], [ca.vertcat(*rows)])
-        found = of_posture(x[: machine.n], x[2 * machine.n :])
-        return ca.Function("pulls", [x], [ca.densify(ca.vertcat(found, ca.DM.zeros(machine.m)))])
+        omega = ca.SX.sym("omega", machine.n)
+        return ca.Function("pulls", [ca.vertcat(s.q, omega, s.P)], [ca.densify(ca.vertcat(*rows, falls(machine, omega)))])
     x = ca.SX.sym("x", NX)
     T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(machine.joint.sides(x[0]))))
     slopes = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]

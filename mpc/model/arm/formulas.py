@@ -166,10 +166,15 @@ def gas_motion(arm: "Arm") -> "Function":
 
     s = arm.statics
     omega, u, d = ca.SX.sym("omega", arm.n), ca.SX.sym("u", arm.m), ca.SX.sym("d", arm.n)
-    rates = [(u[j] - s.P[j]) / float(arm.lags[j]) + rise for j, rise in enumerate(rises(arm, omega))]
     x = ca.vertcat(s.q, omega, s.P)
     alpha = acceleration(s, arm.bodies)(s.q, omega, s.P, d)
-    return ca.Function("motion", [x, u, d], [ca.vertcat(omega, alpha, *rates)])
+    return ca.Function("motion", [x, u, d], [ca.vertcat(omega, alpha, *pressure_rates(arm, omega, u))])
+
+
+def pressure_rates(arm: "Arm", omega: "SX", u: "SX") -> list["SX"]:
+    """Return P' [Pa/s] of each muscle with gas, under commands `u` [Pa]. Expressions of the symbols of `arm.statics`."""
+    P = arm.statics.P
+    return [(u[j] - P[j]) / float(arm.lags[j]) + rise for j, rise in enumerate(rises(arm, omega))]
 
 
 def rises(arm: "Arm", omega: "SX", gains: Sequence[float] | None = None) -> list["SX"]:
@@ -186,3 +191,10 @@ def rises(arm: "Arm", omega: "SX", gains: Sequence[float] | None = None) -> list
         side = OneMuscle(muscle, "muscle", L[j], 1 - length[j] / L[j], 1.0, 0.0, 1.0, mechanism.gas)
         found.append(fall(side, s.P[j], gain) * speed[j])
     return found
+
+
+def falls(arm: "Arm", omega: "SX") -> "SX":
+    """Return the fall of the pressures (m, 1) [Pa/s] by the motion `omega`: 0 without gas."""
+    import casadi as ca
+
+    return ca.SX.zeros(arm.m) if arm.gas is None else -ca.vertcat(*rises(arm, omega))

@@ -72,9 +72,8 @@ def _motion(plant: Machine, dt: float) -> tuple[ModuleType, Array, Array]:
     """Return the motion's module, the numbers of its formulas, and the remainders of pressure errors of an arm."""
     if isinstance(plant, Arm):
         arm = compiled_motion(plant, dt, external=True)
-        names = (
-            f"from {arm.module.__name__} import COLUMNS, m, n\nfrom {arm.module.__name__} import advance as move\n\n"
-        )
+        own = arm.module.__name__
+        names = f"from {own} import COLUMNS, MOVING, m, n\nfrom {own} import advance as move\n\n"
         return imported(with_formulas(_ARM, names)), arm.c, arm.decay
     source = translated("rate_slopes", _rate_slopes(plant))
     text = f"{IMPORTS}@inlined\n{source.text}\n\n"

@@ -55,9 +55,8 @@ def factory(
     given = dt, problem, feed_forward
     if not compiled:
         return Parts(readable, feed_forward)
-    if isinstance(plant, Arm) and (plant.unformulated or plant.gas is not None):
-        why = plant.unformulated or "with gas the motion moves the pressures"
-        notice(f"the controller's step is not compiled and takes longer: {why}", SlowStep)
+    if isinstance(plant, Arm) and plant.unformulated:
+        notice(f"the controller's step is not compiled and takes longer: {plant.unformulated}", SlowStep)
         return Parts(readable, feed_forward.ready())
     try:
         step, patient, build = _of_arm(plant, *given) if isinstance(plant, Arm) else _of_joint(plant, *given)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from allocator.calculus import Array
 from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.text import IMPORTS, filling
+from mpc.model.arm.formulas import pressure_rates
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
 
@@ -25,19 +26,37 @@ class CompiledMotion(NamedTuple):
     decay: Array  # (substeps, 3, m) remainder of a pressure's error at beginning, middle and end of each step
 
 
+def moving(arm: Arm) -> int:
+    """Return the number of states that are integrated: all with gas, (q, ω) without it."""
+    return 2 * arm.n if arm.gas is None else arm.size
+
+
 def compiled_motion(arm: Arm, dt: float, external: bool = False) -> CompiledMotion:
     """Return the compiled motion of `arm` over `dt` [s]; with `external` its Jacobian includes the slopes by the
     external torques. Raises `Untranslatable`.
     """
-    sizes = f"n, m, EXTERNAL = {arm.n}, {arm.m}, {arm.n * external}\nCOLUMNS = 2 * n + 2 * m + EXTERNAL"
-    text, c = f"{IMPORTS}{sizes}\n\n\n", np.zeros(0)
-    for name, function in _functions(arm).items():
+    sizes = f"n, m, MOVING, EXTERNAL = {arm.n}, {arm.m}, {moving(arm)}, {arm.n * external}"
+    text, c = f"{IMPORTS}{sizes}\nCOLUMNS = 2 * n + 2 * m + EXTERNAL\n\n\n{_NO_GAS * (arm.gas is None)}", np.zeros(0)
+    for name, function in (_functions(arm) | _pressures(arm)).items():
         source = filling(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     substeps = arm.substeps(dt, RESOLUTION)
     h = dt / substeps
     times = h * (np.arange(substeps)[:, None] + [0.0, 0.5, 1.0])
     return CompiledMotion(imported(with_formulas(_TEMPLATE, text)), c, h, np.exp(-times[..., None] / arm.lags))
+
+
+_NO_GAS = """@inlined
+def pressures(q, omega, P, u, c, rate):
+    pass
+
+
+@inlined
+def pressure_slopes(q, omega, P, c, by_state, by_command):
+    pass
+
+
+"""
 
 
 def _functions(arm: Arm) -> dict[str, "Function"]:
@@ -50,6 +69,25 @@ def _functions(arm: Arm) -> dict[str, "Function"]:
     held = [s.q, omega, s.P]
     left = ca.jacobian(pushing - M @ alpha, ca.vertcat(*held))
     made = {"dynamics": ([*held, d], [M, pushing + d]), "dynamics_slopes": ([*held, alpha], [left])}
+    return _named(made)
+
+
+def _pressures(arm: Arm) -> dict[str, "Function"]:
+    """Return the CasADi functions of the pressures that motion changes; none without gas."""
+    import casadi as ca
+
+    if arm.gas is None:
+        return {}
+    s, omega, u = arm.statics, ca.SX.sym("omega", arm.n), ca.SX.sym("u", arm.m)
+    rate = ca.vertcat(*pressure_rates(arm, omega, u))
+    held = [s.q, omega, s.P]
+    left = ca.jacobian(rate, ca.vertcat(*held))
+    return _named({"pressures": ([*held, u], [rate]), "pressure_slopes": (held, [left, ca.DM(1 / arm.lags)])})
+
+
+def _named(made: dict[str, tuple[list[Any], list[Any]]]) -> dict[str, "Function"]:
+    import casadi as ca
+
     return {
         name: ca.Function(name, given, ca.cse([ca.densify(ca.SX(value)) for value in values]))
         for name, (given, values) in made.items()

@@ -1,10 +1,11 @@
 """Template of an arm's feed-forward: the targets of the allocation, and the commands from its result.
 
-`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by a function that fills flat
+`mpc.tracking.compiled.arm.module` replaces the lines below that begin with `FORMULAS` by functions that fill flat
 arrays, matrices by columns:
 
     statics          (q, ω, ω') ↦ M ω' + C + Dω + g, then at no pressure y' = (τ, svec K), its Jacobian by P, the forces
                      and their slopes by P
+    expansion        (q, ω, P) ↦ the fall of the pressures as the muscles swell
 
 Pressures are in Pa. Of a preview that stands still there is one sample for all.
 """
@@ -22,7 +23,7 @@ from mpc.tracking.compiled.sample.layout import Inputs
 from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
 
 FORMULAS: Any = None
-statics = FORMULAS
+statics = expansion = FORMULAS
 
 TARGETS = JOINTS + STIFFNESSES  # targets of a sample
 SURE = 1e-9  # residual of optimality up to which an allocation is accepted
@@ -41,7 +42,7 @@ def feed_forward(i: Inputs, asked: Array, K: Array, d: Array, found: Reference, 
     if i.turned.size > 0:
         turn_rows(i.turned.reshape(-1, STIFFNESSES, STIFFNESSES), rows, to)
     sure = allocated(i, rows, to.residual)
-    follow(inverse, rows, asked, K, to, found, moved)
+    follow(i.c, inverse, rows, asked, K, to, found, moved)
     return sure
 
 
@@ -135,7 +136,7 @@ def allocated(i: Inputs, rows: int, residual: Array) -> bool:
 
 @inlined_flat
 def follow(
-    inverse: ArmInverse, rows: int, asked: Array, K: Array, to: ArmTargets, found: Reference, moved: Array
+    c: Array, inverse: ArmInverse, rows: int, asked: Array, K: Array, to: ArmTargets, found: Reference, moved: Array
 ) -> None:
     """Fill in pressures of `x`, stiffness of `y` and commands `u` from those of `rows` targets, and the distances
     moved.
@@ -156,10 +157,11 @@ def follow(
                 y[k, row - n] = factor * K[(q * n + j) * n + l] - gap
                 moved[1] = max(moved[1], abs(gap) / factor)
                 row += 1
+        expansion(x[k, :n], x[k, n : 2 * n], x[k, 2 * n :], c, to.fall[k % 2])
         if k > 0:
             for j in range(NU):
-                now, before = x[k, 2 * n + j], x[k - 1, 2 * n + j]
-                u[k - 1, j] = (now - alpha[j] * before) / (1 - alpha[j])
+                now, before, fall = x[k, 2 * n + j], x[k - 1, 2 * n + j], (to.fall[0, j] + to.fall[1, j]) / 2
+                u[k - 1, j] = (now - alpha[j] * before) / (1 - alpha[j]) + inverse.lags[j] * fall
 
 
 @inlined_flat

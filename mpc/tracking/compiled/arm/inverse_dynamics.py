@@ -125,7 +125,8 @@ class CompiledArmFeedForward(CompiledFeedForward):
         arm: Arm = readable.plant
         low, high = arm.mechanism.pressure_limits
         most = np.array([min(muscle.max_pressure, high) for muscle in arm.mechanism.muscles])
-        inverse = ArmInverse(readable.alpha[0], most, low, high, readable.min_force, *map(np.array, arm.angle_limits))
+        regulators, (left, right) = (readable.alpha[0], readable.lags[0]), arm.angle_limits
+        inverse = ArmInverse(*regulators, most, low, high, readable.min_force, np.array(left), np.array(right))
         module, of_hand = self.plant.step, arm.endpoint is not None
         targets = np.zeros(length_of(ArmTargets, len(readable.slopes[0]) - 1, known=module.ARM))
         room = allocating(targets, in_python(module.targets_in)(targets), of_hand)

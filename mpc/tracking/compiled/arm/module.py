@@ -16,8 +16,8 @@ from allocator.units import BAR
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.text import IMPORTS, filling
 from mpc.codegen.views import flat, in_python, length_of
-from mpc.model.arm.compiled.module import compiled_motion
-from mpc.model.arm.formulas import joint_svec
+from mpc.model.arm.compiled.module import compiled_motion, moving
+from mpc.model.arm.formulas import falls, joint_svec
 from mpc.model.arm.model import Arm
 from mpc.model.friction.contact import loads_function
 from mpc.tracking.compiled.arm.records import ArmAlong
@@ -79,7 +79,7 @@ def _assembled(names: Iterable[str], arm: Arm) -> str:
     """Return the text of these files, by their way from `structured_qp`, for the sizes of the arm; the first file has
     the sizes.
     """
-    first, sizes = "JOINTS, NU, STIFFNESSES = ", f"{arm.n}, {arm.m}, {arm.stiffnesses}"
+    first, sizes = "JOINTS, NU, STIFFNESSES, MOVING = ", f"{arm.n}, {arm.m}, {arm.stiffnesses}, {moving(arm)}"
     parts = [_without_own_imports((_QP / f"{name}.py").read_text(encoding="utf-8")) for name in names]
     lines = [f"{first}{sizes}\n" if line.startswith(first) else line for line in parts[0].splitlines(keepends=True)]
     return "\n\n".join(["".join(lines), *parts[1:]]).replace("@merged", "@inlined_flat")
@@ -115,6 +115,7 @@ def _functions(arm: Arm, feeds: bool) -> dict[str, "Function"]:
         gains = [ca.jacobian(stacked, s.P), ca.diag(ca.jacobian(s.forces, s.P))]
         given = [bodies.torque_for(s.q, omega, alpha), empty[0], gains[0], empty[1], gains[1]]
         made["statics"] = [s.q, omega, alpha], given
+        made["expansion"] = [s.q, omega, s.P], [falls(arm, omega)]
     return {
         name: ca.Function(name, given, ca.cse([ca.densify(ca.SX(value)) for value in values]))
         for name, (given, values) in made.items()
@@ -143,12 +144,12 @@ class SizedQP(StructuredQP):
     def model(self) -> Linearisation:
         """Path as a linearisation of the readable step; copies."""
         (x, S, y, slope, kept), k = self._arm_path, self._stiffnesses
-        N, moving, m = len(S), S.shape[1], kept.size
-        A, B = np.zeros((N, moving + m, moving + m)), np.zeros((N, moving + m, m))
-        A[:, :moving], B[:, :moving] = S[:, :, : moving + m], S[:, :, moving + m :]
-        A[:, moving:, moving:], B[:, moving:] = np.diag(kept), np.diag(1 - kept)
-        gradient = np.zeros((N + 1, y.shape[1], moving + m))
-        n = moving // 2
-        gradient[:, :, :n], gradient[:, :, moving:] = slope[:, :n].swapaxes(1, 2), slope[:, n:].swapaxes(1, 2)
+        (N, last, _), m, size = S.shape, kept.size, x.shape[1]
+        A, B = np.zeros((N, size, size)), np.zeros((N, size, m))
+        A[:, size - m :, size - m :], B[:, size - m :] = np.diag(kept), np.diag(1 - kept)
+        A[:, :last], B[:, :last] = S[:, :, :size], S[:, :, size:]
+        gradient = np.zeros((N + 1, y.shape[1], size))
+        n = (size - m) // 2
+        gradient[:, :, :n], gradient[:, :, 2 * n :] = slope[:, :n].swapaxes(1, 2), slope[:, n:].swapaxes(1, 2)
         outputs = y[:, :k].copy(), y[:, k:].copy(), A, B, gradient[:, :k], gradient[:, k:]
         return Linearisation(BAR * self.u, x.copy(), *outputs)

@@ -10,10 +10,10 @@ class ArmPath(NamedTuple):
     """Motion and its derivatives, with pressures in Pa."""
 
     x: Annotated[Array, "N + 1", "x"]
-    S: Annotated[Array, "N", "2 * n", "2 * n + 2 * m"]  # Jacobian of the next (q, ω) by (q, ω), P and the command
+    S: Annotated[Array, "N", "moving", "2 * n + 2 * m"]  # see `mpc.model.arm.compiled.motion`
     y: Annotated[Array, "N + 1", "y"]  # svec K, F
     slope: Annotated[Array, "N + 1", "n + m", "y"]  # of y by (q, P)
-    kept: Annotated[Array, "m"]  # share of a pressure's error that remains after a sample
+    kept: Annotated[Array, "m"]  # without gas, share of a pressure's error that remains after a sample
 
 
 class ArmAlong(NamedTuple):
@@ -63,12 +63,14 @@ class ArmTargets(NamedTuple):
     M: Annotated[Array, "(n + s) * m"]
     F0: Annotated[Array, "m"]
     gain: Annotated[Array, "m"]
+    fall: Annotated[Array, 2, "m"]  # of the pressures by the motion, of two samples [Pa/s]
 
 
 class ArmInverse(NamedTuple):
     """Numbers of an arm's `mpc.tracking.feedforward.InverseDynamics`."""
 
     alpha: Annotated[Array, "m"]
+    lags: Annotated[Array, "m"]  # [s]
     most: Annotated[Array, "m"]  # pressures [Pa]
     low: float
     unit: float  # of the allocation's pressures [Pa]

@@ -6,9 +6,9 @@ from allocator.calculus import Array
 from mpc.codegen.views import viewer
 from mpc.tracking.compiled.arm.records import ArmAlong, ArmInverse, ArmSetting, ArmTargets
 from mpc.tracking.compiled.records import Given, Indices, sizes_of
-from mpc.tracking.compiled.structured_qp.sizes import JOINTS, NU, STIFFNESSES
+from mpc.tracking.compiled.structured_qp.sizes import JOINTS, MOVING, NU, STIFFNESSES
 
-ARM = sizes_of(JOINTS, NU, STIFFNESSES)
+ARM = sizes_of(JOINTS, NU, STIFFNESSES) | {"moving": MOVING}
 
 given_in: Callable[[Array], Given] = viewer(Given, ARM)
 inverse_in: Callable[[Array], ArmInverse] = viewer(ArmInverse, ARM)

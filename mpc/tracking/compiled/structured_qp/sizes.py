@@ -2,7 +2,7 @@
 
 from math import isqrt
 
-JOINTS, NU, STIFFNESSES = 1, 2, 1  # joints n, muscles m, entries of svec K
+JOINTS, NU, STIFFNESSES, MOVING = 1, 2, 1, 4  # joints n, muscles m, entries of svec K, entries of a state in A
 
 NX, NY = 2 * JOINTS + NU, STIFFNESSES + NU  # entries of a state (q, ω, P), and of the outputs (svec K, F)
 NXI = NX + NU  # of ξ = (δx, w)

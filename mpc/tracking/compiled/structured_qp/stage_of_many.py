@@ -1,7 +1,8 @@
 """Algebra of one sample for any number of muscles: `stage` in loops over the sizes.
 
-A pressure depends only on its own command, and approaches it by the share B (m,) of the error in every sample; A
-(N, 2n, NXI) is the Jacobian of the next (q, ω) by (q, ω), P and the command. D and its inverse are (N, m, m).
+A (N, MOVING, NXI) is the Jacobian of the next state by (q, ω), P and the command. With gas it has a line for all of
+the state. Without it the pressures have none: they depend on their own commands only, and the share B (m,) of their
+errors is left after a sample. D and its inverse are (N, m, m).
 """
 
 import numpy as np
@@ -9,9 +10,9 @@ import numpy as np
 from allocator.calculus import Array, Mask
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Cost, Signs
-from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, JOINTS, NU, NX, NXI, NY
+from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH, MOVING, NU, NX, NXI, NY
 
-MOVING = 2 * JOINTS  # entries (q, ω)
+ALONE = NX - MOVING  # pressures without a line in A
 
 
 @inlined_flat
@@ -24,13 +25,17 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
             s = S[i, l]
             for j in range(NXI):
                 SA[i, j] += s * A[k, l, j]
-        for j in range(NU):
+        for j in range(ALONE):
             s = S[i, MOVING + j]
             SA[i, MOVING + j] += B[j] * s
-            SA[i, NX + j] += (1.0 - B[j]) * s + S[i, NX + j]
+            SA[i, NX + j] += (1.0 - B[j]) * s
+        for j in range(NU):
+            SA[i, NX + j] += S[i, NX + j]
     for i in range(NU):
         for j in range(NXI):
-            R[k, i, j] = SA[NX + i, j] + (1.0 - B[i]) * SA[MOVING + i, j]
+            R[k, i, j] = SA[NX + i, j]
+        for j in range(NXI if ALONE > 0 else 0):
+            R[k, i, j] += (1.0 - B[i]) * SA[MOVING + i, j]
         for l in range(MOVING):  # noqa: E741
             a = A[k, l, NX + i]
             for j in range(NXI):
@@ -81,10 +86,12 @@ def linear_before(s: Array, A: Array, B: Array, k: int) -> None:
             t[j] += factor * A[k, l, j]
     for i in range(MOVING):
         s[i] = t[i]
-    for j in range(NU):
+    for j in range(ALONE):
         p = s[MOVING + j]
         s[MOVING + j] = B[j] * p + t[MOVING + j]
-        s[NX + j] += (1.0 - B[j]) * p + t[NX + j]
+        s[NX + j] += (1.0 - B[j]) * p
+    for j in range(NU):
+        s[NX + j] += t[NX + j]
 
 
 @inlined_flat
@@ -97,7 +104,7 @@ def advance(A: Array, B: Array, k: int, xi: Array) -> None:
         for j in range(NX, NXI):
             x += A[k, i, j] * xi[k + 1, j]
         xi[k + 1, i] = x
-    for j in range(NU):
+    for j in range(ALONE):
         xi[k + 1, MOVING + j] = B[j] * xi[k, MOVING + j] + (1.0 - B[j]) * xi[k + 1, NX + j]
 
 

@@ -1,5 +1,6 @@
 """The compiled step of an arm says what the readable one says."""
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -27,8 +28,8 @@ N, DT = 12, 0.01
 class Both:
     """Both are the readable and the compiled parts of one problem."""
 
-    def __init__(self, name, min_force=20.0):
-        self.arm = arm = Arm.machine(name)
+    def __init__(self, name, min_force=20.0, gas=None):
+        self.arm = arm = replace(Arm.machine(name), gas=gas)
         limits = Limits.of(arm, DT, min_force)
         L, sizes = terminal_factor(arm, DT, Weights()), (arm.n, arm.m, arm.stiffnesses)
         self.problem = TrackingProblem(Weights(), limits, L, usual_blocks(arm, N), DT, *sizes)
@@ -52,9 +53,13 @@ class Both:
         return x, u, d, feed, PreviousSample(u[0] + rng.normal(0, 0.03e5, arm.m), feed.u[0] * 1.01), (q + turn, K)
 
 
-@pytest.fixture(scope="module", params=["arm26", pytest.param("arm48", marks=pytest.mark.slow)])
+MACHINES = "arm26", "arm26 with gas", pytest.param("arm48", marks=pytest.mark.slow)
+
+
+@pytest.fixture(scope="module", params=MACHINES)
 def both(request):
-    made = Both(request.param)
+    name, gas, _ = request.param.partition(" with gas")
+    made = Both(name, gas=bool(gas))
     assert made.compiled.implementation == "compiled"
     return made
 
@@ -129,10 +134,10 @@ def test_blocks_grow():
     assert TrackingMPC(arm, N=14).blocks == (1, 1, 2, 4, 6)
 
 
-@pytest.fixture(scope="module")
-def both_of_two_joints():
+@pytest.fixture(scope="module", params=[False, True], ids=["no gas", "gas"])
+def both_of_two_joints(request):
     """Those of arm26: a structured QP takes a minute to compile for arm48."""
-    return Both("arm26")
+    return Both("arm26", gas=request.param)
 
 
 @pytest.mark.slow
