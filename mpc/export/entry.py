@@ -56,7 +56,7 @@ def export(
     Raises
     ------
     InvalidInput
-        For a joint without a closed-form allocation, an arm without formulas, with gas, a hand or muscles that are not
+        For a joint without a closed-form allocation, an arm without formulas, with a hand or muscles that are not
         affine, a controller and an observer that do not match, and a directory that is not empty. Nothing is written
         then.
     MissingBackend
@@ -150,8 +150,6 @@ def check_arm(arm: Arm) -> None:
     """Raise `InvalidInput` for an arm whose controller cannot be exported."""
     if arm.unformulated:
         why = f"{arm.unformulated}, which C needs"
-    elif arm.gas is not None:
-        why = "its C has no gas; leave the gas out, Arm(…, gas=None)"
     elif arm.endpoint is not None:
         why = "its C tracks the stiffness of the joints, not that of a hand; leave the endpoint out"
     elif not arm.mechanism.affine:

@@ -52,7 +52,8 @@ def pulling(machine: Machine) -> "Function":
         gains = ca.diag(ca.jacobian(s.forces, s.P))
         rows = [ca.vec((arms * ca.repmat(each, 1, machine.n)).T) for each in (s.forces, gains)]
         omega = ca.SX.sym("omega", machine.n)
-        return ca.Function("pulls", [ca.vertcat(s.q, omega, s.P)], [ca.densify(ca.vertcat(*rows, falls(machine, omega)))])
+        pulls = ca.densify(ca.vertcat(*rows, falls(machine, omega)))
+        return ca.Function("pulls", [ca.vertcat(s.q, omega, s.P)], [pulls])
     x = ca.SX.sym("x", NX)
     T = ca.vertcat(*(side.torque(x[2 + i]) for i, side in enumerate(machine.joint.sides(x[0]))))
     slopes = [ca.jacobian(T[i], x[2 + i]) for i in range(NU)]

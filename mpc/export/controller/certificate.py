@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 from allocator.compilation.jit import Function
 from allocator.compilation.printer import ArrayKind, Kind, StructKind, parsed, with_called
 from mpc.export.controller.recursions import exchanges_in, items_in, kinds_of, solver_of
+from mpc.model.arm.compiled.module import moving
+from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.structured_qp.barrier import TURNS
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
 from mpc.tracking.compiled.structured_qp.sizes import limit_lines, spare
@@ -38,6 +40,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     plant, N, blocks = controller.plant, controller.N, len(controller.problem.blocks)
     sizes = {"JOINTS": plant.n, "MUSCLES": plant.m, "STIFFNESSES": plant.stiffnesses, "BLOCKS": blocks, "HORIZON": N}
     sizes |= {"STATES": 2 * plant.n + plant.m, "XI": 2 * plant.n + 2 * plant.m, "OUTPUTS": plant.stiffnesses + plant.m}
+    sizes["MOVING"] = moving(plant) if isinstance(plant, Arm) else plant.size
     sizes["ITEMS"] = items_in(plant.n, plant.m, blocks, single)
     # greatest values of the names that bound the solver's loops
     most = {"N": N, "last": N, "size": sizes["ITEMS"] - 1, "known": 0, "first_line": 0, "left": plant.m}
@@ -46,17 +49,21 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     functions, kinds, exchanges = with_called(solver_of(plant)), kinds_of(plant), exchanges_in(plant.m * blocks)
     begin, exchange = _Count(functions, kinds, most).of_qp()
     _, plain = _Count(functions, kinds, most, {"rebased": 0}).of_qp()
-    stack = _stack(plant.n, plant.m, N + blocks, 4 if single else 8)
+    filled = isinstance(plant, Arm) and plant.gas is not None
+    stack = _stack(plant.n, plant.m, N + blocks, filled) * (4 if single else 8) + _FRAMES
     return Certificate(exchanges, 2 + TURNS + exchanges, begin, exchange, plain, stack)
 
 
-def _stack(n: int, m: int, commands: int, number: int) -> int:
-    """Return bytes for the deeper of two chains of calls: down to a sweep of the QP, or to the observer's prediction.
+def _stack(n: int, m: int, commands: int, filled: bool) -> int:
+    """Return the numbers on the stack in the deeper of two chains of calls, to a sweep of the QP or to a prediction of
+    the observer.
 
-    Their arrays are plans and a cost-to-go, or covariances and Jacobians.
+    Their arrays are plans and a cost-to-go, or covariances and Jacobians, of an arm `filled` with gas also those of its
+    pressures and their rates.
     """
     xi, beliefs = 2 * (n + m), 3 * n + m
-    return _FRAMES + number * (_NUMBERS + max(m * commands + 2 * xi**2 + 4 * xi, 6 * beliefs**2 + 5 * n * xi))
+    pressures = m * (4 * (1 + xi + n) + 2 * n + m) * filled
+    return _NUMBERS + max(m * commands + 2 * xi**2 + 4 * xi, 6 * beliefs**2 + 5 * n * xi + pressures)
 
 
 class _Count:

@@ -16,6 +16,7 @@ from allocator.errors import InvalidInput
 from allocator.lazy import Function
 from mpc.export.joint import Numbers
 from mpc.export.parts import Functions, dense
+from mpc.model.arm.formulas import falls, pressure_functions
 from mpc.model.compensation import Compensation
 from mpc.model.experiment import variational
 from mpc.model.friction.contact import Hysteresis, Loads, symbolic_loads
@@ -161,6 +162,12 @@ def _motion(plant: Plant) -> Functions:
     ]
 
 
+_OF_PRESSURES = {
+    "pressures": "the rates of the pressures [Pa/s]",
+    "pressure_slopes": "their derivatives, those by q, w and P as rows, and by their commands",
+}
+
+
 def arm_functions(controller: TrackingMPC) -> Functions:
     """Return the CasADi functions of an arm and its friction, each with its description."""
     import casadi as ca
@@ -198,7 +205,8 @@ def arm_functions(controller: TrackingMPC) -> Functions:
         ),
         friction_function(controller.compensation, arm),
         (
-            dense("expansion", state, {"q": ca.SX.zeros(arm.m)}),
-            "pressure loss by expansion of the muscles, none [Pa/s]",
+            dense("expansion", state, {"q": ca.substitute(falls(arm, omega), ca.vertcat(q, omega, P), x)}),
+            "pressure loss by expansion of the muscles [Pa/s]",
         ),
+        *((dense(name, *parts), _OF_PRESSURES[name]) for name, parts in pressure_functions(arm).items()),
     ]

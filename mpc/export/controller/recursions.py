@@ -103,7 +103,7 @@ def _records() -> dict[str, tuple[type, bool]]:
 _SIZES = {"N": _N, "M": "ANT_ITEMS", "n": "ANT_JOINTS", "m": _M, "x": _X, "xi": _XI, "y": _Y}
 _OF_ARMS: dict[str, dict[str, Kind]] = {
     "bounds": dict.fromkeys(("left", "right"), _given("ANT_JOINTS")),
-    "path": {"A": _given(_N, "2 * ANT_JOINTS", _XI), "B": _given(_M)},
+    "path": {"A": _given(_N, "ANT_MOVING", _XI), "B": _given(_M)},
     "sweep": dict.fromkeys(("D", "inverse"), _array(_N, _M, _M)),
 }
 

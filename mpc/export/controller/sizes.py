@@ -35,6 +35,7 @@ from mpc.export.controller.tuning import tuning_constants, tuning_definition
 from mpc.export.joint import Numbers
 from mpc.export.parts import Files, copied
 from mpc.model import compensation
+from mpc.model.arm.compiled.module import moving
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
 from mpc.model.machine import Machine
@@ -139,7 +140,9 @@ def sizes_of(controller: TrackingMPC, single: bool) -> Numbers:
 
 def _sizes_of_kind(plant: Machine) -> Numbers:
     if isinstance(plant, Arm):
-        return {"ARM": (1, "a machine of any number of joints and muscles")}
+        gas = {} if plant.gas is None else {"GAS": (1, "motion compresses the gas in the muscles")}
+        integrated = (moving(plant), "entries of a state that are integrated")
+        return {"ARM": (1, "a machine of any number of joints and muscles"), "MOVING": integrated, **gas}
     varied = plant.size + variational_of(plant).nnz_in(1)
     return {"VARIED": (varied, "numbers of a motion with its derivatives, see motion.h")}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -172,9 +172,24 @@ def gas_motion(arm: "Arm") -> "Function":
 
 
 def pressure_rates(arm: "Arm", omega: "SX", u: "SX") -> list["SX"]:
-    """Return P' [Pa/s] of each muscle with gas, under commands `u` [Pa]. Expressions of the symbols of `arm.statics`."""
+    """Return P' [Pa/s] of muscles with gas, under commands `u` [Pa]. Expressions of the symbols of `arm.statics`."""
     P = arm.statics.P
     return [(u[j] - P[j]) / float(arm.lags[j]) + rise for j, rise in enumerate(rises(arm, omega))]
+
+
+def pressure_functions(arm: "Arm") -> dict[str, tuple[dict[str, Any], dict[str, Any]]]:
+    """Return the inputs and outputs of (q, ω, P, u) ↦ P', and of (q, ω, P) ↦ its Jacobian by these, ∂P_j'/∂u_j.
+
+    Without gas there are none.
+    """
+    import casadi as ca
+
+    if arm.gas is None:
+        return {}
+    s, omega, u = arm.statics, ca.SX.sym("omega", arm.n), ca.SX.sym("u", arm.m)
+    rate, moving = ca.vertcat(*pressure_rates(arm, omega, u)), {"q": s.q, "omega": omega, "P": s.P}
+    slopes = {"by": ca.jacobian(rate, ca.vertcat(*moving.values())), "by_command": ca.SX(ca.DM(1 / arm.lags))}
+    return {"pressures": (moving | {"u": u}, {"rate": rate}), "pressure_slopes": (moving, slopes)}
 
 
 def rises(arm: "Arm", omega: "SX", gains: Sequence[float] | None = None) -> list["SX"]:

@@ -157,20 +157,23 @@ def test_a_loop_that_rests_rests_in_c_at_the_same_samples_with_the_same_commands
     assert_alike(replayed(program, samples, COLUMNS), wanted)
 
 
-@needs_gcc
+@needs("gcc", tools.ARM_GCC)
 @pytest.mark.slow
-def test_friction_of_each_joint_and_old_readings_are_python_s_in_c(tmp_path):
+@pytest.mark.parametrize("gas", [None, True], ids=["no gas", "gas"])
+def test_friction_of_each_joint_and_old_readings_are_python_s_in_c(gas, tmp_path):
     slips = tuple(
         MaxwellSlip.of_width(ARM, w * DEG, steps, joint=i)
         for i, (w, steps) in enumerate([(2, (0.01, 0.04)), (3, (0.02,))])
     )
-    known = Compensation(frictions=slips, dead_time=0.02, reading_age=0.03)
-    controller, observer = pair(ARM, 6, known)
+    known, arm = Compensation(frictions=slips, dead_time=0.02, reading_age=0.03), replace(ARM, gas=gas)
+    controller, observer = pair(arm, 6, known)
     faults = (SilentSensors(0.5, 0.55, (0,), **SIZES), FrozenSensors(0.9, 1.2, (5,), **SIZES))
-    samples, wanted = recorded(real(known, faults=faults), controller, observer, circle(ARM, turns=0.8))
+    plant = replace(real(known, faults=faults), nominal=arm)
+    samples, wanted = recorded(plant, controller, observer, circle(ARM, turns=0.8))
     directory = export(tmp_path / "c", controller=controller, observer=observer)
     got = replayed(tools.compiled(directory, CONTROL, "vectors", *tools.SANITISED), samples, COLUMNS)
     assert_alike(got, wanted)
+    assert 0.7 < tools.stack(directory, *tools.CORTEX_M4F) / certificate(controller, single=False).stack <= 1
     printed = tools.run(tools.compiled(directory, Path("main.c"), "demonstration", *tools.SANITISED))
     assert printed in (directory / "README.md").read_text()
 
@@ -243,7 +246,6 @@ def test_ten_samples_ahead_fit_into_64_kib_of_flash_and_memory_in_single_and_104
 @pytest.mark.parametrize(
     ("arm", "why"),
     [
-        (replace(ARM, gas=True), "its C has no gas"),
         (replace(ARM, endpoint=ARM.bodies.endpoint), "not that of a hand"),
     ],
 )

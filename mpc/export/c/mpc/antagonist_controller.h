@@ -132,13 +132,13 @@ typedef struct {
 } ant_qp_memory;
 
 /* The QP of a step, sample by sample: its linear model along a motion, and commands in bar. Of an arm the pressures count
- * in bar too: A is of the next angles and rates by the state and the command. */
+ * in bar too: A is of the next state by the state and the command, without gas of the next angles and rates. */
 typedef struct {
     const ant_tuning *tuning;
     ant_motion motion; /* of no change */
     ant_real u[ANT_HORIZON][ANT_MUSCLES], y[ANT_HORIZON + 1][ANT_OUTPUTS];
 #ifdef ANT_ARM
-    ant_real A[ANT_HORIZON][2 * ANT_JOINTS][ANT_XI];
+    ant_real A[ANT_HORIZON][ANT_MOVING][ANT_XI];
 #else
     ant_real A[ANT_HORIZON][ANT_STATES][ANT_STATES], B[ANT_HORIZON][ANT_STATES][ANT_MUSCLES];
 #endif

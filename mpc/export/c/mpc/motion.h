@@ -1,7 +1,8 @@
 /* Motion of the machine over a sample of constant commands, and its derivatives.
  *
- * y has the integrated states z, all of a joint or the angles and rates of an arm, whose pressures are known; then, if
- * they are wanted, the entries of S = dz/d(x, u, d) that are not constant, ANT_VARIED numbers in all. */
+ * y has the integrated states z, ANT_MOVING numbers: all of a joint, or the angles and rates of an arm without gas,
+ * whose pressures are known; then, if they are wanted, the entries of S = dz/d(x, u, d) that are not constant,
+ * ANT_VARIED numbers in all. */
 #ifndef ANT_MOTION_H
 #define ANT_MOTION_H
 
@@ -9,7 +10,6 @@
 
 enum {
 #ifdef ANT_ARM
-    ANT_MOVING = 2 * ANT_JOINTS,
     ANT_BY_D = ANT_STATES + ANT_MUSCLES, /* columns of S: states, commands, then d */
     ANT_COLUMNS = ANT_BY_D + ANT_JOINTS,
     ANT_VARIED = ANT_MOVING * (1 + ANT_COLUMNS)

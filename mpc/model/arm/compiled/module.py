@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from allocator.calculus import Array
 from allocator.lazy import Function
 from mpc.codegen.modules import imported, with_formulas
 from mpc.codegen.text import IMPORTS, filling
-from mpc.model.arm.formulas import pressure_rates
+from mpc.model.arm.formulas import pressure_functions
 from mpc.model.arm.model import Arm
 from mpc.model.experiment import RESOLUTION
 
@@ -37,7 +37,7 @@ def compiled_motion(arm: Arm, dt: float, external: bool = False) -> CompiledMoti
     """
     sizes = f"n, m, MOVING, EXTERNAL = {arm.n}, {arm.m}, {moving(arm)}, {arm.n * external}"
     text, c = f"{IMPORTS}{sizes}\nCOLUMNS = 2 * n + 2 * m + EXTERNAL\n\n\n{_NO_GAS * (arm.gas is None)}", np.zeros(0)
-    for name, function in (_functions(arm) | _pressures(arm)).items():
+    for name, function in _functions(arm).items():
         source = filling(name, function, c.size)
         text, c = text + f"@inlined\n{source.text}\n\n", np.concatenate([c, source.c])
     substeps = arm.substeps(dt, RESOLUTION)
@@ -69,25 +69,8 @@ def _functions(arm: Arm) -> dict[str, "Function"]:
     held = [s.q, omega, s.P]
     left = ca.jacobian(pushing - M @ alpha, ca.vertcat(*held))
     made = {"dynamics": ([*held, d], [M, pushing + d]), "dynamics_slopes": ([*held, alpha], [left])}
-    return _named(made)
-
-
-def _pressures(arm: Arm) -> dict[str, "Function"]:
-    """Return the CasADi functions of the pressures that motion changes; none without gas."""
-    import casadi as ca
-
-    if arm.gas is None:
-        return {}
-    s, omega, u = arm.statics, ca.SX.sym("omega", arm.n), ca.SX.sym("u", arm.m)
-    rate = ca.vertcat(*pressure_rates(arm, omega, u))
-    held = [s.q, omega, s.P]
-    left = ca.jacobian(rate, ca.vertcat(*held))
-    return _named({"pressures": ([*held, u], [rate]), "pressure_slopes": (held, [left, ca.DM(1 / arm.lags)])})
-
-
-def _named(made: dict[str, tuple[list[Any], list[Any]]]) -> dict[str, "Function"]:
-    import casadi as ca
-
+    for name, (given, found) in pressure_functions(arm).items():
+        made[name] = list(given.values()), list(found.values())
     return {
         name: ca.Function(name, given, ca.cse([ca.densify(ca.SX(value)) for value in values]))
         for name, (given, values) in made.items()

@@ -34,8 +34,10 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
     for i in range(NU):
         for j in range(NXI):
             R[k, i, j] = SA[NX + i, j]
-        for j in range(NXI if ALONE > 0 else 0):
+    for i in range(ALONE):
+        for j in range(NXI):
             R[k, i, j] += (1.0 - B[i]) * SA[MOVING + i, j]
+    for i in range(NU):
         for l in range(MOVING):  # noqa: E741
             a = A[k, l, NX + i]
             for j in range(NXI):
