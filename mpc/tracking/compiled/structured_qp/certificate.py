@@ -1,18 +1,24 @@
-"""Certificate that a point within its limits solves the QP, by the multipliers of the active limits, in one pass.
+"""Certificate that a point within its limits solves the QP, by the multipliers of the active limits, in two passes.
 
-With the gradient's pushes at the active limits as multipliers λ, the duality gap is ½ rᵀH⁻¹r, where r is the gradient
-by the free changes, plus λ times the distance from each limit. The charge c on each change of a command is a lower
-bound of H's eigenvalues, hence c |z - z*|² ≤ rᵀH⁻¹r ≤ |r|²/c: an answer that passes is no farther than ACCURACY from
-the solution.
+A step of the last sweep's feedback takes the gradient by its free changes to 0. The duality gap is half the gradient
+times that step, plus the multipliers after it times the distance from each limit. A remaining gradient r, where a
+released change or a multiplier of the wrong sign leaves one, adds ½ rᵀH⁻¹r ≤ ½|r|²/c, c the charge on each change of a
+command. H's eigenvalues are no less, hence c |z - z*|² ≤ 2 gap: an answer that passes is no farther than ACCURACY from
+the solution. Where z is off its limits by rounding, this holds for the QP with the limits moved to z.
+
+The step counts instead of |r|²/c for all changes because the strong directions of H have 10⁴ times the curvature c, and
+the rounding of single precision in them is a gradient, but no distance.
 """
 
 from allocator.calculus import Array
 from mpc.codegen.jit import inlined, inlined_flat
 from mpc.tracking.compiled.records import Bounded, Cost, Errors, Path, Point, Setting, Signs
 from mpc.tracking.compiled.structured_qp.responses import Items, row_push, row_side, row_value, slack_of
-from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of
+from mpc.tracking.compiled.structured_qp.riccati import BREAKS, Sweep, end_of
 from mpc.tracking.compiled.structured_qp.sizes import ALL, BOUND, FREE, HIGH, NU, NX, NXI, NY, RANGE, SUPPLY
-from mpc.tracking.compiled.structured_qp.stage import changed, linear_before
+from mpc.tracking.compiled.structured_qp.stage import advance, answered, changed, gone_along, linear_before
+
+ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 
 
 @inlined
@@ -62,39 +68,72 @@ def over(path: Path, setting: Setting, bounded: Bounded, q: int, items: Items, a
 @inlined
 def gap(
     path: Path, errors: Errors, setting: Setting, bounded: Bounded, size: int, held: Signs, at: Point, items: Items,
-    sweep: Sweep
+    sweep: Sweep, xi: Array
 ) -> float:  # fmt: skip
     """Return the bound of the cost of the point minus the dual cost.
 
-    The multipliers are those of the items, and the gradient's at the limits `held` (N + 1, 2).
+    The multipliers are those of the items, and the gradient's at the limits `held` (N + 1, 2). The entering item's
+    response and `xi` are overwritten.
     """
-    slack, total, square = setting.slack, 0.0, 0.0
+    slack, last, square = setting.slack, items.kind.size - 1, 0.0
     c0, c1 = slack[0] + slack[1] * at.sigma[0], slack[2] + slack[3] * at.sigma[1]
     lagrangian(path, errors, setting, size, at, items, sweep)
+    total = stepped_back(path, last, sweep, items, xi)
     for q in range(size):
         kind, multiplier = items.kind[q], items.multiplier[q]
         if kind >= SUPPLY:
-            total += abs(multiplier * over(path, setting, bounded, q, items, at))
+            total += abs(multiplier * away(over(path, setting, bounded, q, items, at), kind))
         if kind >= RANGE:
             c0 -= multiplier if slack_of(kind) == 0 else 0.0
             c1 -= multiplier if slack_of(kind) == 1 else 0.0
-    adjoint(path, sweep.gx, sweep.gv, sweep.g)
     for i in range(NU):
-        later = 0.0  # multipliers of the commands held from here on
+        later = 0.0  # remaining gradient by the commands from here on
         for k in range(at.v.shape[0] - 1, -1, -1):
             if not bounded.there[k]:
                 continue
-            g, v, side = sweep.g[k, i] + later, at.v[k, i], held[k, i]
-            pushes = (v == bounded.lower[k, i] and g >= 0.0) or (v == bounded.upper[k, i] and g <= 0.0)
+            g, v, side, command = items.r[last, k, i], at.v[k, i], held[k, i], abs(sweep.held[k, i]) == HIGH
             if side != FREE and side * g <= 0.0:
-                later -= g if abs(side) == HIGH else 0.0
-                total += abs(g * ((at.xi[k + 1, NX + i] if abs(side) == HIGH else v) - end_of(bounded, side, k, i)))
-            elif not pushes:
-                square += g * g
+                beyond = (at.xi[k + 1, NX + i] if command else v) - end_of(bounded, side, k, i)
+                total += abs(g * away(beyond, BOUND))
+                g = 0.0
+            later += g if command else 0.0
+            g = later if command else later + g
+            pushes = (v == bounded.lower[k, i] and g >= 0.0) or (v == bounded.upper[k, i] and g <= 0.0)
+            square += 0.0 if pushes else g * g
     c0 = 0.0 if at.sigma[0] == 0.0 and c0 > 0.0 else c0
     c1 = 0.0 if at.sigma[1] == 0.0 and c1 > 0.0 else c1
     square = square / setting.curvature + c0 * c0 / slack[1] + c1 * c1 / slack[3]
     return float(total + 0.5 * square)
+
+
+@inlined
+def stepped_back(path: Path, line: int, sweep: Sweep, items: Items, xi: Array) -> float:
+    """Return half the gradient times the step that takes it to 0 for the free changes; the step becomes the items' z
+    in this line, and the gradient after it their r.
+    """
+    N, total, p = sweep.v.shape[0], 0.0, sweep.gx[sweep.v.shape[0]].copy()
+    for k in range(N - 1, -1, -1):
+        linear_before(p, path.A, path.B, k)
+        for i in range(NU):
+            items.r[line, k, i] = p[NX + i] + sweep.gv[k, i]
+        answered(sweep.R, sweep.D, sweep.inverse, sweep.held, k, line, -1, p, items.z, items.r)
+        for i in range(NU):
+            total -= 0.5 * items.r[line, k, i] * items.z[line, k, i]
+        if k > 0:
+            for i in range(NXI):
+                p[i] += sweep.gx[k, i]
+    for i in range(NXI):
+        xi[0, i] = 0.0
+    for k in range(N):
+        gone_along(sweep.R, sweep.D, sweep.feedback, sweep.held, k, line, xi, items.z, items.r)
+        advance(path.A, path.B, k, xi)
+    return total
+
+
+@inlined_flat
+def away(distance: float, kind: int) -> float:
+    """Return the distance from a limit of this kind; 0 where it is rounding."""
+    return distance if abs(distance) > (ROW_BREAKS if kind >= RANGE else BREAKS) else 0.0
 
 
 @inlined_flat

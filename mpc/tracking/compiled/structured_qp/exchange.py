@@ -32,6 +32,7 @@ from mpc.tracking.compiled.structured_qp.active import (
     walk,
 )
 from mpc.tracking.compiled.structured_qp.certificate import (
+    ROW_BREAKS,
     adjoint,
     gap,
     gradients,
@@ -61,7 +62,6 @@ from mpc.tracking.compiled.structured_qp.stage import curvature
 CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
-ROW_BREAKS = 1e-8  # [bar], [rad], [N]: less violates no row
 REAL = 1e-6  # [-] of the multiplier of an item: a smaller change of another one is rounding
 ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
@@ -163,7 +163,7 @@ def exchanged(
                 enters = True
             else:
                 end(path, bounded, size, at, sweep, a)
-                found = gap(path, errors, setting, bounded, size, a.held, at, items, sweep)
+                found = gap(path, errors, setting, bounded, size, a.held, at, items, sweep, a.xi)
                 if found <= most:
                     return True, step, found
         if enters:
@@ -334,7 +334,7 @@ def interrupted(
     the origin without slacks.
     """
     lead_on(path, at, a)
-    dual = priced(setting, at) - gap(path, errors, setting, bounded, size, a.held, at, a.items, sweep)
+    dual = priced(setting, at) - gap(path, errors, setting, bounded, size, a.held, at, a.items, sweep, a.xi)
     at.xi[:], at.v[:] = 0.0, 0.0
     gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
     adjoint(path, sweep.gx, sweep.gv, a.dr)
