@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from math import inf
+from threading import RLock
 from time import perf_counter
 from typing import Any, ClassVar, NamedTuple
 
@@ -47,6 +48,22 @@ class Optimised(NamedTuple):
     gap: float = 0.0  # see `Plan`
 
 
+class Turns:
+    """Lock of an object whose threads take turns; copies of the object have their own."""
+
+    def __init__(self) -> None:
+        self._lock = RLock()  # a signal may interrupt a step and begin another one
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *error: object) -> None:
+        self._lock.release()
+
+    def __reduce__(self) -> tuple[type["Turns"], tuple[()]]:
+        return Turns, ()
+
+
 class BaseController(ABC):
     """Base of controllers. A step computes a `Plan` from a measured state and references, in stages with one result
     each:
@@ -84,6 +101,7 @@ class BaseController(ABC):
             raise InvalidInput(f"compensation = {checks.brief(self.compensation)} has to be a Compensation")
 
     def _build(self, N: int, min_force: float = 0.0) -> None:
+        self._turns = Turns()
         self.limits = Limits.of(self.plant, self.dt, min_force)
         self._predictor = Predictor(self.plant, self.dt, N)
         self._preview = Preview(self.plant, self.dt, N, self.compensation, self.limits)
@@ -92,11 +110,12 @@ class BaseController(ABC):
 
     def reset(self) -> None:
         """Forget the past, so that the next step begins from the measured pressures."""
-        self._units_shown = False
-        self._preview.reset()
-        self.rest_mode.reset()
-        self.ladder.reset()
-        self._forget()
+        with self._turns:
+            self._units_shown = False
+            self._preview.reset()
+            self.rest_mode.reset()
+            self.ladder.reset()
+            self._forget()
 
     @property
     def ahead(self) -> int:
@@ -109,13 +128,15 @@ class BaseController(ABC):
         A reference is a value, held for the whole horizon, or a preview (ahead + 1, …) that begins now; the values of
         an arm are (n,) and (k, k). `d` is the disturbance torque [N·m] known to act, of an arm also (n,). Entries
         of `x` that are NaN or physically impossible are replaced by the prediction of the last plan. No number makes
-        this method raise: invalid ones are reported by the status. Warns (`BadNumbers`) if the first pressures above 0
-        look like bar, or angles like degrees. Raises `InvalidInput` for wrong shapes and types.
+        this method raise: invalid ones are reported by the status. Threads that share a controller take turns. Warns
+        (`BadNumbers`) if the first pressures above 0 look like bar, or angles like degrees. Raises `InvalidInput` for
+        wrong shapes and types.
         """
         began = perf_counter()
         if not self._units_shown:
             self._point_out_units(x)
-        return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
+        with self._turns:
+            return self._whole_step(x, theta_ref, K_ref, d, began) or self._staged(x, theta_ref, K_ref, d, began)
 
     def _point_out_units(self, x: object) -> None:
         """Warn of pressures that look like bar, and of angles that look like degrees."""

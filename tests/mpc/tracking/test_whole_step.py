@@ -1,6 +1,8 @@
 """The whole step in one compiled call is the stages one by one, to the last bit, and leaves to them the rest."""
 
 import pickle
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from copy import copy, deepcopy
 
 import numpy as np
@@ -329,3 +331,20 @@ def test_a_rest_with_its_corrections_is_that_of_the_stages(known):
     pushed = pair.step(x + np.array([1 * DEG, 0.0, 0.0, 0.0]), 0.3, 5.5)
     assert pushed.status is PlanStatus.OPTIMAL
     assert all(pair.taken)
+
+
+def test_threads_that_share_a_controller_get_plans_from_their_own_states():
+    shared, often = TrackingMPC(Plant(), N=N), sys.getswitchinterval()
+
+    def begun(k):
+        x = np.array([0.1 + 0.001 * (k % 50), 0.0, 3e5, 2e5])
+        return np.abs(shared.step(x, theta_ref=0.2, K_ref=7.6).x[0] - x).max()
+
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as threads:
+            assert max(threads.map(begun, range(5000))) < 1e-9
+    finally:
+        sys.setswitchinterval(often)
+    assert pickle.loads(pickle.dumps(shared))._turns is not shared._turns
+    assert deepcopy(shared)._turns is not shared._turns
