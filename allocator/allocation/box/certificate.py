@@ -39,12 +39,12 @@ class Separation(NamedTuple):
 
 def separation(problem: BoxProblem, mu: Array) -> Separation:
     """Return the direction (N, d), `reach` (N,) and `asked` (N,) of each target."""
-    (rows, ends), (lo, hi) = problem.rows, problem.bounds
+    (_, ends), (lo, hi) = problem.rows, problem.bounds
     d = np.zeros(problem.y.shape)
     begin, found = 0, np.zeros(problem.size, bool)
     for k, end in enumerate(ends.tolist()):
         first = ~found & (mu[:, k, begin:end] != 0).any(axis=1)
-        d[np.ix_(first, rows[:end])] = -np.sqrt(problem.weights[rows[:end]]) * mu[first, k, :end]
+        d[first] = problem.direction(mu[first, k, :end])
         begin, found = end, found | first
     d /= np.abs(d).max(axis=1, where=found[:, None], initial=0.0)[:, None] + ~found[:, None]
     if problem.mechanism.affine:

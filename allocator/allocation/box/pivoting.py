@@ -3,7 +3,9 @@
 An endpoint with more joints than coordinates is solved by repeated linearisation (`settled`). K_x = Gᵀ K G is concave
 in K, with the derivative GᵀdKG, where G maps motions of the hand to the joints (`lifted` in
 `allocator.mechanism.endpoint.endpoint`). With constant G it is problem [M]. An answer whose own G is the one it was
-solved with satisfies the first-order conditions of the problem with the true K_x.
+solved with satisfies the first-order conditions of the problem with the true K_x. Far beyond reach such steps of Gauss
+and Newton oscillate; those that have not converged soon become steps of Newton, by the curvature of K_x
+(`allocator.mechanism.endpoint.targets`).
 
 Neighbours on a trajectory mostly share their binding limits, and are solved together. If all rows can be met, the free
 variables are those nearest to the centre,
@@ -33,11 +35,10 @@ from allocator.joint.limits import BINDS
 from allocator.mechanism.mechanism import Indices
 
 _MOST_STEPS = 100
-_FULL_STEPS = 40  # before the first is damped
+_LINEAR_STEPS = 20  # without the curvature of K_x
 _SETTLED = 1e-11  # of E, which is near 1
+_FLAT = 1e-14  # the same with curvature, whose rows are of the size of its root
 _NEAR = 0.8  # share of the last answer in the centre
-_HARDLY = 0.7  # of the previous step: a longer one does not converge
-_DAMPED, _LEAST_SHARE = 0.8, 0.02
 _INDEPENDENT = 1e-6  # of the longest row: least remainder of another one
 _PAYS = 5_000  # targets for which a call may wait for the compiler
 
@@ -200,19 +201,19 @@ def settled(problem: BoxProblem, method: Callable[[BoxProblem], Solved]) -> tupl
     if targets is None or not targets.redundant:
         return problem, method(problem)
     P, least = np.mean(problem.bounds, axis=0), problem.reference
-    K, share, before = problem.joint_stiffness(P), np.ones(problem.size), np.full(problem.size, np.inf)
+    K, curved = problem.joint_stiffness(P), np.zeros(problem.size, bool)
     for step in range(_MOST_STEPS):
         # a centre between P_ref and the last P, in fixed shares, leads to the same answer by smaller steps
         centre = _NEAR * P + (1 - _NEAR) * least
-        targets, _ = targets.relifted(K)
+        targets, _ = targets.relifted(K, curved)
         problem = replace(problem, endpoint=targets, reference=centre)
         solved = method(problem)
         P = problem.pressures(solved.x)
-        found = problem.joint_stiffness(P)
-        moved = targets.relifted(found)[1]
-        if (moved <= _SETTLED).all():
+        K = problem.joint_stiffness(P)
+        moved = targets.relifted(K, curved)[1]
+        ended = moved <= np.where(curved, _FLAT, _SETTLED)
+        if ended.all():
             break
-        if step >= _FULL_STEPS:  # damps oscillation between two sets of binding limits
-            share = np.where(moved > _HARDLY * before, np.maximum(_DAMPED * share, _LEAST_SHARE), share)
-        K, before = K + share[:, None, None] * (found - K), moved
-    return problem, solved._replace(rounds=np.where(moved <= _SETTLED, solved.rounds, 0))
+        if step == _LINEAR_STEPS:
+            curved = ~ended
+    return problem, solved._replace(rounds=np.where(ended, solved.rounds, 0))

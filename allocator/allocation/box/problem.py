@@ -116,9 +116,9 @@ class BoxProblem:
 
     @cached_property
     def rows(self) -> tuple[Indices, Indices]:
-        """(the weighted components of y, level after level; the end of each level)."""
+        """(the weighted components of y and the curvature, level after level; the end of each level)."""
         n = self.mechanism.n
-        torque, stiffness = (np.flatnonzero(self.weights[part]) for part in (slice(n), slice(n, None)))
+        torque, stiffness = (np.flatnonzero(self.row_weights[part]) for part in (slice(n), slice(n, None)))
         stiffness += n
         if self.priority == "weighted":
             return np.concatenate([torque, stiffness]), np.array([torque.size + stiffness.size])
@@ -126,16 +126,38 @@ class BoxProblem:
         return np.concatenate([first, second]), np.array([first.size, first.size + second.size])
 
     @cached_property
+    def curvature(self) -> TargetsMap:
+        """Rows (N, c) for the curvature of an endpoint's stiffness, which should be 0; without redundancy c = 0."""
+        if self.endpoint is None or self.endpoint.near is None:
+            Q = len(self.map.y0)
+            return TargetsMap(np.zeros((Q, 0)), np.zeros((Q, 0, self.mechanism.m)))
+        return self.endpoint.curvature(self.joint_map, self.endpoint.near, self.weights[self.mechanism.n :])
+
+    @cached_property
+    def row_weights(self) -> Array:
+        """Weights (d + c,) of the squared components of y and the curvature."""
+        return np.append(self.weights, np.ones(self.curvature.y0.shape[1]))
+
+    @cached_property
     def A(self) -> Array:
         """Weighted rows (Q, p, m), per unit of x."""
         rows, _ = self.rows
-        return np.ascontiguousarray((np.sqrt(self.weights[rows])[:, None] * self.unit) * self.map.M[:, rows])
+        M = np.concatenate([self.map.M, self.curvature.M], axis=1)
+        return np.ascontiguousarray((np.sqrt(self.row_weights[rows])[:, None] * self.unit) * M[:, rows])
 
     @cached_property
     def b(self) -> Array:
         """Weighted right-hand sides (N, p)."""
-        rows, _ = self.rows
-        return np.ascontiguousarray(np.sqrt(self.weights[rows]) * (self.y[:, rows] - self.map.y0[:, rows]))
+        rows, left = self.rows[0], self.y - self.map.y0
+        flat = np.broadcast_to(-self.curvature.y0, (self.size, self.row_weights.size - self.weights.size))
+        return np.ascontiguousarray(np.sqrt(self.row_weights[rows]) * np.concatenate([left, flat], axis=1)[:, rows])
+
+    def direction(self, mu: Array) -> Array:
+        """Return d (N, d) of multipliers `mu` (N, k) of the first rows, on y."""
+        rows = self.rows[0][: mu.shape[1]]
+        d = np.zeros((len(mu), self.row_weights.size))
+        d[:, rows] = -np.sqrt(self.row_weights[rows]) * mu
+        return d[:, : self.weights.size]
 
     @cached_property
     def x_bounds(self) -> tuple[Array, Array, Array]:

@@ -198,9 +198,9 @@ class BoxAllocation(Allocation):
     @property
     def costs(self) -> Array:
         """Weighted squared errors of the levels (…, levels) [cost], in the order of the priority."""
-        rows, ends = self._problem.rows
-        y = self._problem.given(self.P.reshape(-1, self.mechanism.m))[:, rows]
-        squares = self._problem.weights[rows] * (y - self._problem.y[:, rows]) ** 2
+        problem, (rows, ends) = self._problem, self._problem.rows
+        squares = problem.weights * (problem.given(self.P.reshape(-1, self.mechanism.m)) - problem.y) ** 2
+        squares = np.pad(squares, ((0, 0), (0, problem.row_weights.size - problem.weights.size)))[:, rows]
         return self._array(np.add.reduceat(squares, [0, *ends[:-1].tolist()], axis=1))
 
     @property

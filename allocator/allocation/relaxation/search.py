@@ -146,14 +146,12 @@ def _proved(problem: BoxProblem, solved: Solved) -> Mask:
 
     There K_x is concave in the pressures, so no pressures give more along the missing stiffness.
     """
-    hand, (rows, ends) = problem.endpoint, problem.rows
+    hand, (_, ends) = problem.endpoint, problem.rows
     proved = np.ones((problem.size, len(ends)), bool)
     if hand is None or not hand.redundant:
         return proved
     for k, end in enumerate(ends.tolist()):
-        d = np.zeros(problem.y.shape)
-        d[:, rows[:end]] = -np.sqrt(problem.weights[rows[:end]]) * solved.mu[:, k, :end]
-        proved[:, k] = hand.bounds_true(d) & (solved.rounds > 0)
+        proved[:, k] = hand.bounds_true(problem.direction(solved.mu[:, k, :end])) & (solved.rounds > 0)
     return proved
 
 

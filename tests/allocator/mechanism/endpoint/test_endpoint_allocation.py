@@ -2,14 +2,20 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.linalg import sqrtm
+from scipy.optimize import linprog, minimize
 
 from allocator import InvalidInput, Status, Stiffness, allocate
-from allocator.mechanism import Endpoint, machines
+from allocator.mechanism import Endpoint, Mechanism, Pulleys, machines
+from allocator.muscles import SAROSI_DMSP_20_400N
 from allocator.units import BAR
 
 ARM, HAND = machines.arm26(), Endpoint.planar([0.3, 0.25])
 LEG, FOOT = machines.leg37(), Endpoint.planar([0.3, 0.3, 0.1])
+SINGLE = np.kron(np.diag([0.02, 0.02, 0.018, 0.015]), [[1], [-1]])  # [m], a pair of muscles a joint
+PAIRS = [[0.02, 0.015, 0, 0], [-0.02, -0.015, 0, 0], [0, 0, 0.015, 0.012], [0, 0, -0.015, -0.012]]
+ARM4 = Mechanism(Pulleys(0.4, [*SINGLE, *PAIRS], 0.1375), SAROSI_DMSP_20_400N)
+HAND4 = Endpoint.planar([0.3, 0.25, 0.2, 0.1])
 Q, Q3 = np.array([0.5, 0.8]), np.array([0.5, -0.4, 0.3])
 FORCE = np.array([3.0, -5.0])
 
@@ -124,6 +130,40 @@ def test_with_more_joints_only_a_hand_too_soft_is_proved_nearest():
         assert a.lower_bounds[-1] == pytest.approx(cost if proved else 0.0, abs=1e-12)
         assert ("a local optimum, which does not exclude a nearer one" in a.message) == (not proved)
         assert np.isnan(a.separation.reach) == (a.success or not proved)
+
+
+@pytest.mark.parametrize(
+    ("q", "K_x", "T"),
+    [
+        ([0.7, -0.21, -0.04, -0.71], [[2210.0, 480.0], [480.0, 4370.0]], [-0.8, -2.9, 3.0, -2.2]),
+        ([0.67, -0.7, -0.58, 0.43], [[6740.0, -490.0], [-490.0, 9180.0]], [1.7, -1.0, -2.8, -3.0]),
+        ([-0.2, -0.32, 0.95, 0.79], [[20720.0, 10620.0], [10620.0, 5630.0]], [1.7, 1.9, 1.3, -2.9]),
+    ],
+)
+def test_a_redundant_hand_far_too_soft_is_proved_nearest_by_a_linear_programme(q, K_x, T):
+    a = allocate(q, K_x, T, joint=ARM4, stiffness=Stiffness(endpoint=HAND4))
+    assert (a.status, a.gap) == (Status.STIFFNESS_LIMITED, pytest.approx(0.0, abs=1e-9))
+    J, root = HAND4.jacobian(q), np.linalg.inv(sqrtm(K_x).real)
+    G = np.linalg.solve(a.K, J.T) @ np.linalg.inv(J @ np.linalg.solve(a.K, J.T))
+    short = np.eye(2) - root @ G.T @ a.K @ G @ root
+    d = G @ root @ short @ root @ G.T  # ⟨short, E⟩ ≤ ⟨d, K⟩ for all K, since K_x is concave
+    (y0, M), box = ARM4.targets_map(q), np.stack(ARM4.pressure_box(q), axis=-1)
+    along = 2 * (d - np.diag(np.diag(d)) / 2)[np.triu_indices(4)]
+    most = linprog(-along @ M[4:] * BAR, A_eq=M[:4] * BAR, b_eq=a.T - y0[:4], bounds=box / BAR)
+    reach = along @ y0[4:] - most.fun
+    assert np.linalg.norm(short) == pytest.approx(a.endpoint_error) == pytest.approx(np.sqrt(a.costs[1]))
+    assert (np.trace(short) - reach) / np.linalg.norm(short) == pytest.approx(a.endpoint_error, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_with_more_joints_nearly_all_targets_are_answered():
+    rng, N = np.random.default_rng(6), 30
+    q, turn = rng.uniform(-1, 1, (N, 4)), np.linalg.qr(rng.normal(size=(N, 2, 2)))[0]
+    K_x = (turn * 10 ** rng.uniform(0.5, 4.5, (N, 1, 2))) @ turn.swapaxes(1, 2)
+    K_x = (K_x + K_x.swapaxes(1, 2)) / 2
+    for options in ({}, {"priority": "stiffness"}, {"priority": "weighted", "weights": (1.0, 50.0)}):
+        a = allocate(q, K_x, rng.uniform(-3, 3, (N, 4)), joint=ARM4, stiffness=Stiffness(endpoint=HAND4), **options)
+        assert (a.status == Status.SOLVER_FAILED).sum() == 0
 
 
 @pytest.mark.slow
