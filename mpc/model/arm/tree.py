@@ -72,6 +72,7 @@ class TreeBodies:
             array = np.broadcast_to(array, shape).astype(float)
             if f.name not in ("centre", "inertia", "spring_zero", "gravity") and (array < 0).any():
                 raise InvalidInput(f"TreeBodies: {f.name}{checks.at(array, array < 0)} {unit} has to be 0 or more")
+            array.setflags(write=False)  # the compiled formulas have these numbers
             object.__setattr__(self, f.name, array)
         I = self.inertia  # noqa: E741
         if (np.abs(I - I.swapaxes(1, 2)) > _SYMMETRIC * np.abs(I).max(initial=0.0)).any() or (

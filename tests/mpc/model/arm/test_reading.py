@@ -95,6 +95,13 @@ def test_stacks_of_postures_and_slopes_of_gravity_are_those_of_single_ones():
     np.testing.assert_allclose(whole[2][0, 0], slope, atol=1e-7)
 
 
+def test_bodies_keep_the_numbers_that_their_formulas_were_compiled_with():
+    bodies = read(CROOKED).bodies
+    for name in ("mass", "centre", "inertia", "damping", "armature", "spring", "spring_zero", "gravity"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(bodies, name)[0] = 1.0
+
+
 def test_what_mujoco_is_asked_for_is_what_the_formulas_say():
     read_ = read(STRAIGHT)
     mechanics, rng = Mechanics(read_.model), np.random.default_rng(2)
