@@ -174,16 +174,24 @@ def test_single_precision_refuses_few_answers_where_limits_bind_and_commands_the
 
 
 @needs_gcc
-def test_single_precision_proves_sharp_weights_over_a_long_horizon(tmp_path):
-    """Its gradients are rounded to more than the curvature of the weakest direction allows."""
+@pytest.mark.parametrize(
+    ("blocks", "proved", "near"),
+    [(None, 0.99, 1e-3), ((1, 1, 1, 2, 3, 4, 6, 12), 0.9, 0.1)],
+    ids=["free moves", "blocked moves"],
+)
+def test_single_precision_proves_sharp_weights_over_a_long_horizon(blocks, proved, near, tmp_path):
+    """Its gradients are rounded to more than the curvature of the weakest direction allows; the cost-to-go of a long
+    block of commands is rounded by as much as that curvature.
+    """
     plant, dt = Plant(), 0.02
-    controller = TrackingMPC(plant, dt, N=30, compiled=False)
+    controller = TrackingMPC(plant, dt, N=30, blocks=blocks, compiled=False)
     observer = KalmanObserver(plant, dt, compiled=False)
     samples, wanted = recorded(STANDARD, controller, observer, sine(K=5.5, duration=4.0))
     made = export(tmp_path / "c", controller=controller, observer=observer, precision="single")
     got = replayed(tools.compiled(made, CONTROL, "vectors", *tools.QUICK), samples)
-    assert (got[:, STATUS] == wanted[:, STATUS]).mean() >= 0.99
-    assert np.abs(got[:, U] - wanted[:, U]).max() < 1e-3 * SPAN
+    assert (wanted[:, STATUS] == PlanStatus.OPTIMAL).all()
+    assert (got[:, STATUS] == PlanStatus.OPTIMAL).mean() >= proved
+    assert np.abs(got[:, U] - wanted[:, U]).max() < near * SPAN
 
 
 @needs_gcc
