@@ -48,12 +48,9 @@ class Ladder(Deferred):
         self._held = 0  # samples spent on the last rung
         self.u_star: Array | None = None  # the feed-forward of the previous sample (2,)
 
-    def previous(self, x: Array, u_star: Array) -> PreviousSample:
-        """Return the previous sample; if there was none, the feed-forward `u_star` (2,) and the pressures in `x` (4,).
-
-        The pressures are made `Limits.commandable`.
-        """
-        u_last = self.limits.commandable(x[-u_star.size :]) if self.motion is None else self.motion.u[0]
+    def previous(self, sent: Array, u_star: Array) -> PreviousSample:
+        """Return the previous sample; if there was none, `sent` (m,) and the feed-forward `u_star` (m,) [Pa]."""
+        u_last = sent if self.motion is None else self.motion.u[0]
         return PreviousSample(u_last, u_star if self.u_star is None else self.u_star)
 
     def shift(self, u_star: Array) -> Array:

@@ -79,7 +79,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     solves = i.closed == 0 and not rests
     fed = linearised = seconds_at(i.clock, i.name)
     if whole and done:
-        take(room.path[delay], before, now)
+        take(room.path[delay], want.x, before, now)
         if solves:
             shift_set(i.starts, i.kept, i.guess)
     if done and solves and (whole or what == LINEARISE):

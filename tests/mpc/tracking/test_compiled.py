@@ -266,7 +266,7 @@ def test_at_long_horizons_too_the_recursions_confirm_the_solver_s_set():
     mpc, x, confirmed, bound = TrackingMPC(Plant(), N=80), Plant().at_rest(0.0, 7.6), 0, 0
     structured = mpc._qp_step.structured
     for k in range(30):
-        last = mpc.ladder.previous(x, np.zeros(2)) if k else None
+        last = mpc.ladder.previous(np.zeros(2), np.zeros(2)) if k else None
         plan = mpc.step(x, 0.5 * (-1) ** (k // 10), 7.6)
         if last is not None:
             reference, given = structured.given.reference, structured.given

@@ -128,10 +128,7 @@ void ant_control(ant_controller *c, const ant_real x[ANT_STATES], const ant_real
     ant_task task;
     ant_preview(c, x, d, reference, &task);
     ant_real u_last[ANT_MUSCLES];
-    for (int i = 0; i < ANT_MUSCLES; i++) {
-        const ant_real P = task.x[2 * ANT_JOINTS + i];
-        u_last[i] = c->begun ? c->last.u[0][i] : ant_commandable(P);
-    }
+    for (int i = 0; i < ANT_MUSCLES; i++) u_last[i] = c->begun ? c->last.u[0][i] : c->sent[i];
     if (task.refused)
         memset(c->feed.moved, 0, sizeof c->feed.moved);
     else

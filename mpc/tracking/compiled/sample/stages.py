@@ -81,14 +81,16 @@ def under_way(state: State, x: Array, waiting: Array) -> None:
 
 
 @inlined_flat
-def take(x: Array, state: State, given: Given) -> None:
-    """Set the new data of a step that begins in `x` (2n + m,): see `Ladder.previous` and `Ladder.shift`."""
+def take(x: Array, measured: Array, state: State, given: Given) -> None:
+    """Set the new data of a step that begins in `x` (2n + m,), which was `measured` (2n + m,) before the dead time: see
+    `Ladder.previous` and `Ladder.shift`.
+    """
     u_star, N, turns = given.reference.u, given.u.shape[0], not np.isnan(state.u[0, 0])
     for i in range(NX):
         given.x[i] = x[i]
     for i in range(NU):
         first = np.isnan(state.u[0, i])
-        given.last[0, i] = x[2 * JOINTS + i] if first else state.u[0, i]
+        given.last[0, i] = measured[2 * JOINTS + i] if first else state.u[0, i]
         given.last[1, i] = u_star[0, i] if np.isnan(state.u_star[i]) else state.u_star[i]
         for k in range(N):
             given.u[k, i] = u_star[k, i] if first else state.u[min(k + 1, N - 1), i]

@@ -8,6 +8,7 @@ import pytest
 from allocator import InvalidInput
 from allocator.joint.gas import Gas
 from allocator.units import DEG
+from mpc import Compensation
 from mpc.arm.mjcf import to_mjcf
 from mpc.arm.mujoco_plant import MujocoPlant
 from mpc.model.arm.model import Arm
@@ -66,6 +67,17 @@ def test_a_controller_that_knows_the_gas_follows_more_closely():
         assert set(run.rung) == {0}
     assert (errors["knows"] <= 0.05).all()
     assert (errors["knows"] <= errors["does not"] / 5).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True], ids=["readable", "compiled"])
+def test_the_first_command_is_within_the_slew_of_the_measured_pressures(compiled):
+    """The motion during the dead time moves the pressures."""
+    controller = TrackingMPC(FILLED, compensation=Compensation(dead_time=0.03), compiled=compiled)
+    x = np.concatenate([[0.3, -0.2], [4.0, -5.0], np.linspace(2.5e5, 3.5e5, 6)])
+    plan = controller.step(x, [-0.3, 0.3], np.diag([9.0, 8.0]))
+    most = FILLED.slew * controller.dt
+    assert np.abs(plan.u[0] - x[4:]).max() == pytest.approx(most, rel=1e-9)
 
 
 def test_gas_that_there_is_not_is_one_sentence():
