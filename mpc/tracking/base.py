@@ -194,9 +194,7 @@ class BaseController(ABC):
     def _situation(self, task: Task, halts: bool, began: float) -> Situation:
         """Return the situation of `task`, with its feed-forward."""
         feed = self._feed_forward(task.theta, task.K, task.d if halts else self._torques(task))
-        assert self._preview.last_sent is not None  # `task` comes first
-        previous = self.ladder.previous(self._preview.last_sent, feed.u[0])
-        return Situation(task, feed, previous, self._deadline(began))
+        return Situation(task, feed, self.ladder.previous(task.sent, feed.u[0]), self._deadline(began))
 
     def _deadline(self, began: float) -> float:
         """Return the time at which the optimisation has to end [s]."""

@@ -54,6 +54,7 @@ class Task(NamedTuple):
     expected: Array  # (n,) angles predicted for now [rad]; NaN at first
     now: float  # reference of the first angle now [rad]
     known: Value  # known external torque [N·m], (n,) for arms
+    sent: Array  # (m,) commands sent last; at first the measured pressures [Pa]
 
     def halted(self, patience: float) -> PlanStatus | None:
         """Return the reason for holding the pressures, or None; the angle may be predicted for `patience` [s]."""
@@ -115,7 +116,9 @@ class Preview(Deferred):
             self._expect(path[1])
             then = path[k]
         blind, now = self._blind * self.dt, float(np.ravel(theta[0])[0])
-        return Task(seen, then, theta[k:], K[k:], torques[k:], measured, blind, refused, expected, now, torque)
+        return Task(
+            seen, then, theta[k:], K[k:], torques[k:], measured, blind, refused, expected, now, torque, self.last_sent
+        )
 
     def sent(self, u: Array, x: Array, side: float = 0.0) -> Array:
         """Return the commands (N, m) to send for `u` (N, m) to act in the states `x` (N+1, 2n + m), within the limits.

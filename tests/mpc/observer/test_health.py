@@ -22,6 +22,7 @@ from mpc.observer.torque_diagnosis import TorqueDiagnosis
 from mpc.trials.motions.trajectories import usual_stiffness
 
 DT, BEGIN = 0.01, 1.6  # [s]; there the joint moves
+SEEDS = 3, 4, 5
 THETA, P1, P2 = 0, 2, 3
 JOINTS = {
     "Sarosi's muscles": report_joint(SAROSI_DMSP_20_400N),
@@ -101,9 +102,10 @@ NAMED = [
     [(joint, *named) for joint in JOINTS for named in NAMED[:: 3 if joint == "levers" else 1]],
 )
 def test_a_fault_is_named_soon_and_alone_in_the_end(joint, fault, kind, part, within):
-    healths = said(joint, fault)
-    named_soon(healths, kind, part, within)
-    alone_in_the_end(healths, kind, part)
+    runs = [said(joint, fault, seed=seed) for seed in SEEDS]
+    for healths in runs:
+        named_soon(healths, kind, part, within)
+    assert sum(alone_since_the_alarm(healths, kind, part) for healths in runs) >= 2
 
 
 @pytest.mark.slow
@@ -117,7 +119,7 @@ def test_a_fault_is_named_soon_and_alone_in_the_end(joint, fault, kind, part, wi
 def test_a_fault_is_named_sooner_where_no_gas_hides_it(joint, fault, kind, part, within):
     healths = said(joint, fault, gas=False)
     named_soon(healths, kind, part, within)
-    alone_in_the_end(healths, kind, part)
+    assert alone_since_the_alarm(healths, kind, part)
 
 
 def named_soon(healths, kind, part, within):
@@ -126,9 +128,9 @@ def named_soon(healths, kind, part, within):
     assert Suspect(kind, part) in healths[first].suspects
 
 
-def alone_in_the_end(healths, kind, part):
-    assert healths[-1].suspects == (Suspect(kind, part),)
-    assert BEGIN <= healths[-1].findings[0].since <= alarm(healths) * DT + 1e-9
+def alone_since_the_alarm(healths, kind, part):
+    last = healths[-1]
+    return last.suspects == (Suspect(kind, part),) and BEGIN <= last.findings[0].since <= alarm(healths) * DT + 1e-9
 
 
 @pytest.mark.slow
@@ -143,9 +145,13 @@ def test_a_low_supply_is_among_the_suspects_at_once_and_the_only_one_when_both_m
 
 @pytest.mark.slow
 def test_the_jerk_of_a_broken_cable_is_no_fault_of_the_other_muscle():
-    healths = said("Tondu's muscles", BrokenCable(2.1, muscle=2))
-    cable = Suspect(FaultKind.BROKEN_CABLE, Part.MUSCLE_2)
-    assert all(health.suspects == (cable,) for health in healths[alarm(healths) + 100 :])
+    cable, alone = Suspect(FaultKind.BROKEN_CABLE, Part.MUSCLE_2), 0
+    for seed in range(3, 11):
+        healths = said("Tondu's muscles", BrokenCable(2.1, muscle=2), seed=seed)
+        later = [health.suspects for health in healths[alarm(healths) + 100 :]]
+        assert all(cable in suspects for suspects in later)
+        alone += all(suspects == (cable,) for suspects in later)
+    assert alone >= 4  # of 8; of 44 seeds, 32
 
 
 @dataclass(frozen=True)

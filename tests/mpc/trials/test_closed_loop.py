@@ -1,6 +1,6 @@
 """The MPC on the standard real plant: how closely it tracks, and how it bears plants that it was not tuned for.
 
-On one seed each; `benchmarks/closed_loop/` takes more of everything.
+On one seed or a few; `benchmarks/closed_loop/` takes more of everything.
 """
 
 from dataclasses import replace
@@ -23,11 +23,11 @@ SETTINGS = Settings(REAL.nominal, compensation=REAL.known(), weights=Weights.cal
 DT = SETTINGS.dt
 
 
-def tracked(reference, real=REAL, load_from=None, name="mpc", **settings):
+def tracked(reference, real=REAL, load_from=None, name="mpc", seed=31, **settings):
     """The run, and its errors of the angle after the first rest [°]."""
     loaded = real if load_from is None else replace(real, torque_profile=((load_from, 1.0),))
     controller, observer = loop(name, SETTINGS._replace(**settings))
-    run = simulate(loaded, controller, reference, observer=observer, seed=31)
+    run = simulate(loaded, controller, reference, observer=observer, seed=seed)
     return run, (run.theta - run.theta_ref)[round(LEAD / DT) :] / DEG
 
 
@@ -64,11 +64,12 @@ def test_a_step_of_stiffness_under_an_unknown_load_hardly_moves_the_angle():
 
 @pytest.mark.parametrize("gains", [(1.1, 0.9), (0.9, 1.1), (1.1, 1.1)], ids=["opposite", "swapped", "both high"])
 def test_an_unknown_load_leaves_hardly_an_error_and_the_joint_calm(gains):
-    _, error = tracked(steps(), replace(REAL, force_gains=gains), load_from=LEAD + 4.8)
-    last = error[-100:]
-    assert np.ptp(last) < 0.3
+    real, seeds = replace(REAL, force_gains=gains), range(31, 35)
+    last = np.array([tracked(steps(), real, load_from=LEAD + 4.8, seed=seed)[1][-100:] for seed in seeds])
+    assert (np.ptp(last, axis=1) < 0.3).all()
     if gains[0] != gains[1]:
-        assert abs(last.mean()) < 0.05
+        # a single seed ends anywhere within the stick band: ±.06° with the gains swapped
+        assert rms(last.mean(axis=1)) < 0.05
 
 
 @pytest.mark.parametrize(
