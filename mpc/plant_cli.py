@@ -54,7 +54,7 @@ class PlantOptions(MachineOptions):
     )
     gas: Annotated[
         bool | None,
-        typer.Option(help="motion compresses the gas in the muscles; by default as in the file, or yes for one joint"),
+        typer.Option(help="motion compresses the gas in the muscles; by default as in the file, or yes"),
     ] = None
     kappa: Annotated[
         float | None,
@@ -251,7 +251,7 @@ def init_command(
     muscle: Annotated[str | None, typer.Option(help=f"all muscles; {A_MUSCLE}")] = None,
     gas: Annotated[
         bool | None,
-        typer.Option(help="motion compresses the gas in the muscles; by default yes for one joint, no for several"),
+        typer.Option(help="motion compresses the gas in the muscles; by default yes"),
     ] = None,
     force: Force = False,
 ) -> None:

@@ -5,12 +5,14 @@ beyond the measured contractions and pressures (`Muscle.region`), and volumes of
 is given.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
 from allocator.calculus import Mask
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.muscles import Muscle
 from allocator.muscles.measured import Visit, extrapolation
 from allocator.muscles.volume import usual_volume
 
@@ -58,19 +60,30 @@ def extrapolates(joint: AntagonistJoint, theta: ArrayLike, P1: ArrayLike, P2: Ar
 def with_volumes(joint: AntagonistJoint) -> tuple[AntagonistJoint, str]:
     """Return the joint with volumes of both muscles, and a sentence on the assumption, or "" if they were known.
 
-    An unknown volume becomes that of an ordinary braid with the same force at half the supply, see `usual_volume`.
-    Raises `InvalidInput` for a muscle that gains no force by pressure.
+    Raises `InvalidInput` as `filled`.
     """
-    radii, volumes = [], {}
-    for name in ("agonist", "antagonist"):
-        muscle = getattr(joint, name)
+    pair, length = (joint.agonist, joint.antagonist), joint.geometry.rest_length
+    (agonist, antagonist), assumed = filled(pair, (length, length), joint.pressure_limits[1])
+    return (replace(joint, agonist=agonist, antagonist=antagonist) if assumed else joint), assumed
+
+
+def filled(muscles: Sequence[Muscle], lengths: Iterable[float], supply: float) -> tuple[tuple[Muscle, ...], str]:
+    """Return muscles of these rest `lengths` [m] with volumes, and a sentence on the assumption, or "" if all had one.
+
+    An unknown volume becomes that of an ordinary braid with the same force at half the `supply` [Pa], see
+    `usual_volume`. Raises `InvalidInput` for a muscle that gains no force by pressure.
+    """
+    radii, known = [], []
+    for muscle, length in zip(muscles, lengths, strict=True):
         if not muscle.volume_known:
-            volume, radius = usual_volume(muscle, joint.pressure_limits[1] / 2, joint.geometry.rest_length)
+            volume, radius = usual_volume(muscle, supply / 2, length)
             radii.append(f"{1e3 * radius:.1f} mm")
-            volumes[name] = replace(muscle, rest_volume=volume)
+            muscle = replace(muscle, rest_volume=volume)
+        known.append(muscle)
     if not radii:
-        return joint, ""
+        return tuple(known), ""
     tubes = " and ".join(dict.fromkeys(radii))
-    known = "inner_radius or rest_volume of the muscles in the file of --machine says it"
-    assumed = f"how much gas the muscles hold: taken as in braids of {tubes} radius, which pull like them; {known}"
-    return replace(joint, **volumes), assumed
+    told = "inner_radius or rest_volume of the muscles in the file of --machine says it"
+    return tuple(known), (
+        f"how much gas the muscles hold: taken as in braids of {tubes} radius, which pull like them; {told}"
+    )

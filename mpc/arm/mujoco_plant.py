@@ -125,13 +125,15 @@ class MujocoPlant:
 
     @classmethod
     def of(cls, arm: Arm, source: Source | None = None, **effects: Any) -> Self:
-        """Return bodies and muscles of `arm` on MuJoCo, with unmodelled `effects` by name.
+        """Return bodies, muscles and gas of `arm` on MuJoCo, with unmodelled `effects` by name.
 
         `source` is the model that it was read from, with the parts that the arm leaves out.
         """
         own, lengths = model_of(arm)
-        given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "nominal": arm} | effects
-        return cls(own if source is None else source, arm.mechanism.muscles, **(lengths | given))
+        given = {"pressure_limits": arm.pressure_limits, "lag": arm.lag, "slew": arm.slew, "gas": arm.gas}
+        return cls(
+            own if source is None else source, arm.mechanism.muscles, **(lengths | given | {"nominal": arm} | effects)
+        )
 
     def __repr__(self) -> str:
         return f"MujocoPlant: {self.n} joints, {self.m} muscles, steps of {1e3 * self.model.opt.timestep:g} ms or less"

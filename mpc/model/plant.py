@@ -31,9 +31,9 @@ from allocator.joint.gas import HELD, ISOBARIC, Gas, Shares, Stiffness, Stiffnes
 from allocator.joint.gravity import Gravity
 from allocator.joint.limits import Limits
 from allocator.lazy import Function
-from allocator.units import BAR, CM3
+from allocator.units import BAR
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, integrated, substeps
-from mpc.model.pressures import each_way, fall, gas_of, pair_of_lags, pull, trapped
+from mpc.model.pressures import each_way, fall, gas_of, pair_of_lags, pull, text_of, trapped
 from mpc.model.storage import load_plant, save_plant
 
 STATES = ("theta", "omega", "P1", "P2")
@@ -307,23 +307,18 @@ class Plant:
     @property
     def summary(self) -> str:
         """One line with its numbers, without those of the joint."""
+        joint = self.joint
+        gas_text = text_of(self.gas, (joint.agonist, joint.antagonist), [joint.geometry.rest_length] * 2)
         return (
             f"inertia {self.inertia:g} kg·m², damping {self.damping:g} N·m·s/rad, lag "
             f"{self._lag_text}, gravity {self.gravity}, slew {self.slew / BAR:g} bar/s, "
-            + ("no gas" if self.gas is None else f"{self._gas_text}, {self.kind.text}")
+            + (gas_text if self.gas is None else f"{gas_text}, {self.kind.text}")
         )
 
     @property
     def _lag_text(self) -> str:
         lags = f"{' and '.join(f'{lag:g}' for lag in dict.fromkeys(self.lags))} s"
         return lags if self.venting == 1 else f"{lags} (venting {self.venting:.3g} times as slow)"
-
-    @property
-    def _gas_text(self) -> str:
-        joint, L = self.joint, self.joint.geometry.rest_length
-        volumes = [muscle.volume_at_rest(L) / CM3 for muscle in (joint.agonist, joint.antagonist)]
-        volume = " and ".join(dict.fromkeys(f"{V:.3g}" for V in volumes))
-        return f"gas with κ = {self.joint.gas.kappa:g} in {volume} cm³ at rest length"
 
     @property
     def numbers(self) -> dict[str, object]:

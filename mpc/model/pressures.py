@@ -20,7 +20,7 @@ A regulator is of first order; its pressures rise and fall with different time c
 The slope a at e = 0 is between those of both ways.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ from allocator.calculus import Value
 from allocator.errors import InvalidInput
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import STABLE, OneMuscle
+from allocator.muscles import Muscle
+from allocator.units import CM3
 
 
 def fall(side: OneMuscle, P: Value, strength: float = 1.0) -> Value:
@@ -59,6 +61,16 @@ def gas_of(name: str, given: object, own: Gas) -> Gas | None:
     if not (given is None or isinstance(given, bool)):
         raise InvalidInput(f"{name} = {checks.brief(given)} has to be a Gas(kappa, atmosphere), True or False")
     return own if given else None
+
+
+def text_of(gas: Gas | bool | None, muscles: Sequence[Muscle], lengths: Iterable[float]) -> str:
+    """Return the gas of a machine in words, with the volumes of its muscles of these rest `lengths` [m]."""
+    if not isinstance(gas, Gas):
+        return "no gas"
+    volumes = [muscle.volume_at_rest(L) / CM3 for muscle, L in zip(muscles, lengths, strict=True)]
+    each = list(dict.fromkeys(f"{V:.3g}" for V in sorted(volumes)))
+    volume = " and ".join(each) if len(each) < 3 else f"{each[0]} to {each[-1]}"
+    return f"gas with κ = {gas.kappa:g} in {volume} cm³ at rest length"
 
 
 def pair_of_lags(given: Any) -> tuple[float, float]:

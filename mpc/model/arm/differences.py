@@ -5,8 +5,8 @@ the middle of it. With z' = F z + G (u, d) there,
 
     exp [F G; 0 0] dt = [A B; 0 1]
 
-are the sample's derivatives up to an error of the third order in dt. The acceleration is differentiated by central
-differences over angles and velocities; over pressures its slope M⁻¹ rᵀ F_P needs none.
+are the sample's derivatives up to an error of the third order in dt. Acceleration and gas are differentiated by central
+differences over angles and velocities. Over pressures the slope M⁻¹ rᵀ F_P of the acceleration needs none.
 """
 
 import numpy as np
@@ -20,6 +20,7 @@ from mpc.model.experiment import integrated
 _ANGLE, _SPEED = 1e-5, 1e-4  # [rad], [rad/s] of central differences
 _COARSE = 1.0  # step of the integration times the fastest eigenvalue
 _BEND = 1e-4  # [rad], of differences of differences
+_SHARE = 1e-4  # of the supply range: differences over pressures
 
 
 class Differences:
@@ -31,7 +32,7 @@ class Differences:
     def __init__(self, arm: Arm, dt: float, resolution: float = _COARSE) -> None:
         self.arm, self.dt = arm, dt
         mechanism = arm.mechanism
-        self._muscles = Pneumatics(mechanism.muscles, mechanism.routes.rest_length, arm.lags)
+        self._muscles = Pneumatics(mechanism.muscles, mechanism.routes.rest_length, arm.lags, arm.gas)
         self._substeps = arm.substeps(dt, resolution)
         routes = mechanism.routes
         self._tendons = routes if isinstance(routes, MujocoTendons) else None
@@ -62,26 +63,41 @@ class Differences:
         return np.array(x)
 
     def _later(self, x: Array, u: Array, d: Array) -> Array:
-        n, lags, gap = self.arm.n, self.arm.lags, x[2 * self.arm.n :] - u
+        n, lags = self.arm.n, self.arm.lags
+        if self.arm.gas is not None:
 
-        def rate(s: Array, t: float) -> Array:
-            return np.concatenate([s[n:], self._acceleration(s[:n], s[n:], u + np.exp(-t / lags) * gap, d)])
+            def whole(s: Array, t: float) -> Array:
+                omega, P = s[n : 2 * n], s[2 * n :]
+                acceleration, rise = self._driven(s[:n], omega, P, d)
+                return np.concatenate([omega, acceleration, (u - P) / lags + rise])
 
-        moved = integrated(rate, x[: 2 * n], self.dt, self._substeps)
+            return np.asarray(integrated(whole, x, self.dt, self._substeps))
+        gap = x[2 * n :] - u
+
+        def bodies(s: Array, t: float) -> Array:
+            return np.concatenate([s[n:], self._driven(s[:n], s[n:], u + np.exp(-t / lags) * gap, d)[0]])
+
+        moved = integrated(bodies, x[: 2 * n], self.dt, self._substeps)
         return np.concatenate([moved, u + np.exp(-self.dt / lags) * gap])
 
-    def _acceleration(self, q: Array, omega: Array, P: Array, d: Array) -> Array:
-        """Return ω' (…, n) of states and torques (…, …)."""
+    def _driven(self, q: Array, omega: Array, P: Array, d: Array) -> tuple[Array, Array]:
+        """Return ω' (…, n), and P' (…, m) by the gas alone, of states and torques (…, …)."""
         tendons = self._tendons
         if q.ndim == 1 and tendons is not None and isinstance(self.arm.bodies, MujocoBodies):
             length, slope, M, bias = tendons.mechanics.moving(q, omega)  # all at once
-            pull = self._muscles.laws(length - tendons.cable, P)
-            return np.asarray(np.linalg.solve(M, d - bias - pull @ slope))
-        length, arms = self._ways(q)
+            length, arms = length - tendons.cable, -slope
+        else:
+            length, arms = self._ways(q)
+            M, bias = self.arm.bodies.mass_matrix(q), self.arm.bodies.bias(q, omega)
         torque = (self._muscles.laws(length, P)[..., None, :] @ arms)[..., 0, :]
-        bodies = self.arm.bodies
-        pushing = torque - bodies.bias(q, omega) + d
-        return np.asarray(np.linalg.solve(bodies.mass_matrix(q), pushing[..., None])[..., 0])
+        acceleration = np.linalg.solve(M, (torque - bias + d)[..., None])[..., 0]
+        return np.asarray(acceleration), self._rise(P, length, arms, omega)
+
+    def _rise(self, P: Array, length: Array, arms: Array, omega: Array) -> Array:
+        """Return the rise of the pressures (…, m) [Pa/s] of the gas   (G3); 0 without gas."""
+        if self.arm.gas is None:
+            return np.zeros(P.shape)
+        return self._muscles.squeezed(P, length, -(arms @ omega[..., None])[..., 0])
 
     def _ways(self, q: Array) -> tuple[Array, Array]:
         """Return the muscles' lengths (…, m) and arms (…, m, n) [m]."""
@@ -102,14 +118,17 @@ class Differences:
             for i in range(n):
                 away = np.zeros(2 * n)
                 away[begin + i] = step
-                ends = [self._acceleration(q + sign * away[:n], omega + sign * away[n:], P, d) for sign in (1.0, -1.0)]
-                rates[:, n : 2 * n, begin + i] = (ends[0] - ends[1]) / (2 * step)
+                ends = [self._driven(q + sign * away[:n], omega + sign * away[n:], P, d) for sign in (1.0, -1.0)]
+                rates[:, n:size, begin + i] = (np.hstack(ends[0]) - np.hstack(ends[1])) / (2 * step)
         length, arms = self._ways(q)
         gains = self._muscles.force_slopes(length, P)  # (N, m)
         M = self.arm.bodies.mass_matrix(q)
         rates[:, n : 2 * n, 2 * n : size] = np.linalg.solve(M, (gains[..., None] * arms).swapaxes(-1, -2))
         rates[:, n : 2 * n, size + m :] = np.linalg.inv(M)
-        rates[:, 2 * n : size, 2 * n : size] = -np.diag(1 / self.arm.lags)
+        step = _SHARE * self.arm.mechanism.pressure_span
+        rises = [self._rise(P + sign * step, length, arms, omega) for sign in (1.0, -1.0)]  # each by its own pressure
+        own = (rises[0] - rises[1]) / (2 * step) - 1 / self.arm.lags
+        rates[:, 2 * n : size, 2 * n : size] = own[..., None] * np.eye(m)
         rates[:, 2 * n : size, size : size + m] = np.diag(1 / self.arm.lags)
         found = expm(rates * self.dt)[:, :size]
         return found[:, :, :size], found[:, :, size : size + m], found[:, :, size + m :]
@@ -133,7 +152,7 @@ class Differences:
         joints = np.asarray(sum(muscle.stiffness(pressure) for muscle, pressure in zip(muscles, P, strict=True)))
         for j, (muscle, pressure) in enumerate(zip(muscles, P, strict=True)):
             D[:, j, 2 * n + j] = muscle.force_gain(pressure)
-            step = _BEND * self.arm.mechanism.pressure_span
+            step = _SHARE * self.arm.mechanism.pressure_span
             gain = muscle.stiffness_gain(pressure) * step
             ends = [self.arm.svec(self.arm.seen(q, joints + sign * gain)) for sign in (1.0, -1.0)]
             C[..., 2 * n + j] = (ends[0] - ends[1]) / (2 * step)

@@ -1,13 +1,12 @@
 """Model of an arm: a mechanism whose muscles move bodies, with first-order lags of the pressures.
 
-    q' = ω,   M(q) ω' = τ(q, P) - C(q, ω) - D ω - g(q) + d,   τ_j P_j' = u_j - P_j
+    q' = ω,   M(q) ω' = τ(q, P) - C(q, ω) - D ω - g(q) + d
+    P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff, the second term not with `gas=False`                     (G3)
     K(q, P) = -∂τ/∂q at constant pressures                                                                        (M2)
 
-With `gas` the motion moves the pressures, P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff                      (G3)
-
-The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands and without gas, the pressures
-are known, P(t) = u + (P - u) exp(-t/τ), and the bodies are integrated along them by the classical Runge–Kutta method;
-with gas, the pressures are integrated as well.
+The state is x = (q, ω, P) ∈ R^(2n+m), in SI units. Over a sample of constant commands it is integrated by the classical
+Runge–Kutta method. Without gas the pressures are known, P(t) = u + (P - u) exp(-t/τ), and only the bodies are
+integrated along them.
 """
 
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ from allocator import checks
 from allocator.allocation.box import pivoting
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput, MissingBackend
+from allocator.joint.assumption import filled
 from allocator.joint.gas import Gas
 from allocator.lazy import SX, Function
 from allocator.mechanism import Mechanism, machines
@@ -34,7 +34,7 @@ from mpc.model.arm import formulas, ranges, tangents
 from mpc.model.arm.formulas import Statics
 from mpc.model.arm.pneumatics import Pneumatics
 from mpc.model.experiment import FINE, RESOLUTION, ExactExperiment, Held, Labels, check_stiffness, substeps
-from mpc.model.pressures import gas_of
+from mpc.model.pressures import gas_of, text_of
 
 _MOST_SUBSTEPS = 1000  # per sample
 _MISSED = 1e-6  # [-] of a stiffness, or [N·m]
@@ -49,7 +49,7 @@ class Arm:
     lag: float | tuple[float, ...] = 0.1  # τ of the regulators [s], one or m of them
     slew: float = 5 * BAR  # greatest change of a command [Pa/s]
     endpoint: Endpoint | None = None  # with the tracked stiffness K_x [N/m]; None: K of the joints
-    gas: Gas | bool | None = None  # in the muscles; True: the mechanism's; None: regulators hold the pressures
+    gas: Gas | bool | None = True  # the mechanism's; False, None: regulators hold the pressures
 
     def __post_init__(self) -> None:
         """Check the consistency of the parts. Raises `InvalidInput`."""
@@ -80,11 +80,14 @@ class Arm:
         object.__setattr__(self, "gas", gas)
         if gas is None:
             return
-        if self.unformulated:
-            raise InvalidInput(f"Arm: gas needs formulas, and {self.unformulated}")
-        if self.mechanism.gas != gas:
-            object.__setattr__(self, "mechanism", replace(self.mechanism, gas=gas))
-        Pneumatics(self.mechanism.muscles, self.mechanism.routes.rest_length, gas=gas)  # raises if volumes are unknown
+        try:
+            lengths = self.mechanism.routes.rest_length
+            muscles, assumed = filled(self.mechanism.muscles, lengths, self.pressure_limits[1])
+            if assumed or self.mechanism.gas != gas:
+                object.__setattr__(self, "mechanism", replace(self.mechanism, muscles=muscles, gas=gas))
+            Pneumatics(muscles, lengths, gas=gas)  # checks the volumes
+        except InvalidInput as error:
+            raise InvalidInput(f"{error}; gas=False or --no-gas leaves the gas out") from None
 
     @classmethod
     def machine(cls, name: str) -> "Arm":
@@ -397,4 +400,8 @@ class Arm:
     def summary(self) -> str:
         """One line with the numbers."""
         lags = "/".join(f"{lag:g}" for lag in dict.fromkeys(self.lags.tolist()))
-        return f"{self.n} joints, {self.m} muscles, lag {lags} s, slew {self.slew / BAR:g} bar/s, {self.bodies.summary}"
+        gas = text_of(self.gas, self.mechanism.muscles, self.mechanism.routes.rest_length)
+        return (
+            f"{self.n} joints, {self.m} muscles, lag {lags} s, slew {self.slew / BAR:g} bar/s, {self.bodies.summary}, "
+            f"{gas}"
+        )

@@ -7,7 +7,7 @@ length = [0.31, 0.34]
 [plant]                        # optional table; defaults are those of `Arm`
 lag = 0.1                      # of the regulators [s], one or one per muscle
 slew = 500000.0                # [Pa/s]
-gas = true                     # model the machine's gas; optional
+gas = true                     # motion compresses the gas in the muscles; true by default
 
 [friction]                     # of the joints; optional table, see `mpc.model.friction.dahl`
 mu = 0.02                      # [-] share of the muscles' torques; numbers are for all joints, or one each
@@ -44,7 +44,7 @@ def arm_text(arm: Arm) -> str:
         raise InvalidInput("an arm from a MuJoCo model cannot be written to a file; keep the MuJoCo model")
     lags = tuple(arm.lags.tolist())
     numbers: dict[str, object] = {"lag": lags[0] if len(set(lags)) == 1 else lags, "slew": arm.slew}
-    numbers |= {} if arm.gas is None else {"gas": True}
+    numbers |= {"gas": arm.gas is not None}
     bodies = {f.name: getattr(arm.bodies, f.name) for f in fields(Bodies)}
     lines = section("bodies", bodies, "SI units: m, kg, kg·m², N·m·s/rad, m/s²") + section("plant", numbers, "s, Pa/s")
     return dumps(arm.mechanism) + "\n".join(lines) + "\n"

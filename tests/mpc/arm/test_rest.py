@@ -57,7 +57,7 @@ def last_second_before_the_load(run):
 def test_commands_and_joints_are_still_where_they_moved_on_without_the_mode():
     with_it, without = last_second_before_the_load(run(True)), last_second_before_the_load(run(False))
     assert with_it[0] < 0.1  # [bar/s]
-    assert without[0] > 1.0
+    assert without[0] > 0.4
     assert with_it[1] < 0.1  # [°] swing
     assert with_it[2] < 0.1  # [°] left over
 

@@ -1,5 +1,7 @@
 """Friction at the joints and in the muscles of a machine, in the plant and in the model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ from mpc.trials.simulation import in_motion, simulate
 from ...rigs.one_joint import arm_of
 
 JOINT = Plant(gas=False)
-ONE, TWO = arm_of(JOINT), Arm.machine("arm26")
+ONE, TWO = arm_of(JOINT), replace(Arm.machine("arm26"), gas=False)
 FRICTIONS = {
     "Dahl": Friction.of_width(JOINT, 5 * DEG),
     "Maxwell slip": MaxwellSlip.of_width(JOINT, 5 * DEG),

@@ -43,7 +43,7 @@ def test_with_effects_it_moves_as_in_mujoco():
     effects |= {"dead_band": 0.1 * BAR}
     u = FILLED[4:] + np.linspace(-0.3, 0.4, 6) * BAR
     model = to_mjcf(ARM.mechanism, ARM.bodies)
-    limits = {"pressure_limits": ARM.pressure_limits, "lag": ARM.lag, "slew": 1e9, "nominal": ARM}
+    limits = {"pressure_limits": ARM.pressure_limits, "lag": ARM.lag, "slew": 1e9, "gas": ARM.gas, "nominal": ARM}
     theirs = MujocoPlant(model, ARM.mechanism.muscles, **limits, **effects)
     ours, free = moved(RealArm(ARM, **effects), u), moved(ARM, u)
     assert ours == pytest.approx(moved(theirs, u), rel=2e-3, abs=2e-3)

@@ -40,8 +40,9 @@ def run(controller):
 
 
 def test_angles_and_stiffness_follow_on_bodies_that_are_mujoco_s(run):
-    error = np.sqrt(np.mean((run.theta - run.theta_ref) ** 2, axis=0)) / DEG
-    assert (error <= 0.03).all()
+    begun = 20  # with gas a motion needs commands ahead of the pressures, and the slew limits the first ones
+    error = np.sqrt(np.mean((run.theta - run.theta_ref)[begun:] ** 2, axis=0)) / DEG
+    assert (error <= 0.003).all()
     assert np.sqrt(np.mean((run.K - run.K_ref)[50:] ** 2, axis=0)).max() <= 0.015
 
 

@@ -11,24 +11,24 @@ from mpc.model.arm.model import Arm
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiles]
 
-JOINTS = "mckibben-pulley", "sarosi-lever"
+GAS = {"mckibben-pulley": True, "sarosi-lever": False}
 MASS, CENTRE, INERTIA, DAMPING, LAG = 0.8, 0.15, 0.01, 0.2, 0.08
 N, STEPS = 20, 30
 SENT, PLANNED = 5e-4 * BAR, 2e-3 * BAR  # [Pa] the two integrate with steps of their own
 
 
-def both(joint, **settings):
+def both(joint, gas, **settings):
     """Controllers of a link that swings under gravity, as a joint and as an arm."""
-    plant = Plant(joint, INERTIA + MASS * CENTRE**2, DAMPING, LAG, MASS * CENTRE * EARTH, gas=False)
+    plant = Plant(joint, INERTIA + MASS * CENTRE**2, DAMPING, LAG, MASS * CENTRE * EARTH, gas=gas)
     link = Bodies((0.3,), (MASS,), (CENTRE,), (INERTIA,), (DAMPING,), (EARTH, 0.0))
-    arm = Arm(Mechanism.from_joint(joint), link, lag=LAG)
+    arm = Arm(Mechanism.from_joint(joint), link, lag=LAG, gas=gas)
     shared = {"N": N, "solver": "daqp", "blocks": (1,) * N, **settings}
     return plant, TrackingMPC(plant, rest=False, compiled=False, **shared), TrackingMPC(arm, **shared)
 
 
-@pytest.fixture(scope="module", params=JOINTS)
+@pytest.fixture(scope="module", params=GAS)
 def controllers(request, joints):
-    return both(joints[request.param])
+    return both(joints[request.param], GAS[request.param])
 
 
 def assert_the_same_plans(controllers, theta, K, d=0.0, hidden=()):
@@ -81,7 +81,7 @@ def test_while_the_angle_is_not_seen(controllers):
 
 def test_with_a_dead_time_and_a_least_force(joints):
     joint = joints["sarosi-lever"]
-    plant, one, many = both(joint, min_force=60.0)
+    plant, one, many = both(joint, gas=True, min_force=60.0)
     late = Compensation(dead_time=0.03)
     one = TrackingMPC(plant, N=N, solver="daqp", rest=False, compiled=False, min_force=60.0, compensation=late)
     many = TrackingMPC(many.plant, N=N, solver="daqp", blocks=(1,) * N, min_force=60.0, compensation=late)

@@ -17,8 +17,8 @@ from mpc.tracking.linearise import Predictor
 from mpc.trials.motions.arm_trajectories import circle
 from mpc.trials.simulation import in_motion, simulate
 
-PLAIN = Arm.machine("arm26")
-FILLED = replace(PLAIN, gas=True)
+FILLED = Arm.machine("arm26")
+PLAIN = replace(FILLED, gas=False)
 
 
 def plant(**given):
@@ -83,5 +83,17 @@ def test_the_first_command_is_within_the_slew_of_the_measured_pressures(compiled
 def test_gas_that_there_is_not_is_one_sentence():
     with pytest.raises(InvalidInput, match="True or False"):
         replace(PLAIN, gas=1.3)
+    assert FILLED.gas == FILLED.mechanism.gas
     assert replace(PLAIN, gas=Gas(kappa=1.4)).mechanism.gas.kappa == 1.4
-    assert replace(PLAIN, gas=False).gas is None
+    assert PLAIN.gas is replace(FILLED, gas=None).gas is None
+
+
+def test_muscles_of_unknown_volume_hold_as_much_as_braids_that_pull_like_them():
+    muscle = replace(FILLED.mechanism.muscles[0], inner_radius=None, rest_volume=None)
+    mechanism = replace(FILLED.mechanism, muscles=(muscle,) * 6)
+    filled = Arm(mechanism, FILLED.bodies)
+    L = mechanism.routes.rest_length[0]
+    assert 0.5 < filled.mechanism.muscles[0].volume_at_rest(L) / FILLED.mechanism.muscles[0].volume_at_rest(L) < 2
+    assert Arm(mechanism, FILLED.bodies, gas=False).mechanism == mechanism
+    assert "cm³" in filled.summary
+    assert Arm(mechanism, FILLED.bodies, gas=False).summary.endswith("no gas")

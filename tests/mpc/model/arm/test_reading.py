@@ -120,13 +120,14 @@ def relative(found, exact):
     return (np.abs(found - exact) * units / np.abs(exact * units).max(axis=-1, keepdims=True)).max()
 
 
+@pytest.mark.parametrize("gas", [False, True], ids=["no gas", "gas"])
 @pytest.mark.parametrize("endpoint", [None, "tip"])
-def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint):
+def test_differences_find_the_motion_and_the_slopes_of_the_formulas(endpoint, gas):
     from dataclasses import replace
 
     read_ = read(STRAIGHT)
     hand = None if endpoint is None else Endpoint.from_mjcf(read_.model, endpoint, axes="xy")
-    arm = replace(Arm(read_.mechanism, read_.bodies), endpoint=hand)
+    arm = replace(Arm(read_.mechanism, read_.bodies, gas=gas), endpoint=hand)
     mechanics = Mechanics(read_.model)
     other = replace(
         arm,
