@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput
+from allocator.joint.assumption import filled
 from allocator.joint.gas import Gas
-from allocator.mechanism.routes.base import per_muscle
+from allocator.mechanism.routes.base import per_muscle, rest_lengths
 from allocator.mechanism.routes.mjcf import Source, load, said, tendon_lengths
 from allocator.muscles import Muscle
 from allocator.units import BAR
@@ -52,7 +53,7 @@ class MujocoPlant:
         pressure_limits: tuple[float, float] = (0.0, 5 * BAR),
         lag: ArrayLike = 0.1,
         slew: float = inf,
-        gas: Gas | bool | None = None,
+        gas: Gas | bool | None = True,
         force_gains: ArrayLike = 1.0,
         dead_time: float = 0.0,
         dead_band: float = 0.0,
@@ -79,8 +80,8 @@ class MujocoPlant:
             Limits of the supply [Pa], to which commands are clipped; time constants of the regulators [s], a number
             or a row (m,), and the greatest rate of their input [Pa/s].
         gas, force_gains
-            Whether motions move the pressures (G3), a `Gas` or True for air; and factors on the forces of the
-            muscle models [-], a number or a row (m,).
+            Whether motions move the pressures (G3), a `Gas` or True for air, see `Arm`; and factors on the forces
+            of the muscle models [-], a number or a row (m,).
         dead_time, dead_band
             Of the commands [s], and of the regulators [Pa], in total.
         friction, muscle_friction
@@ -111,9 +112,11 @@ class MujocoPlant:
         if len(given) != m:
             raise InvalidInput(f"muscles: {len(given)} given for m = {m} tendons of {said(model)}")
         length, cables = tendon_lengths(self.model, model, rest_length, cable)
+        self.supply = Supply(pressure_limits, slew, dead_time)
+        if gas:
+            given, _ = filled(given, rest_lengths("muscles", length, m), self.supply.limits[1])
         self.pneumatics = Pneumatics(given, length, lag, gas, force_gains)
         self._cable = per_muscle("cable", cables, m, "m")
-        self.supply = Supply(pressure_limits, slew, dead_time)
         self.dead_band = checks.not_negative("dead_band", dead_band, "Pa")
         self.rubbing = Rubbing(friction, muscle_friction, self.n, m)
         self.sensors = Sensors(self.n, m, encoder, pressure_noise, pressure_offset, faults)

@@ -116,7 +116,7 @@ def test_muscles_as_strong_as_they_are_told():
 
 def test_pressures_lag_behind_commands_that_are_slewed_late():
     """A ramp of 2 bar/s that begins after 15 ms, behind a lag of 0.1 s."""
-    rig = plant(lag=0.1, slew=2 * BAR, dead_time=0.015)
+    rig = plant(lag=0.1, slew=2 * BAR, dead_time=0.015, gas=False)
     rig.reset(Q, P)
     u = P.copy()
     expected, command, waiting = P[0], P[0], [P[0], P[0]]
@@ -132,7 +132,7 @@ def test_pressures_lag_behind_commands_that_are_slewed_late():
 
 
 def test_regulators_stay_within_the_supply():
-    rig = plant(lag=0.01)
+    rig = plant(lag=0.01, gas=False)
     rig.reset(Q, P)
     for _ in range(20):
         rig.step([-1 * BAR, 9 * BAR, 0, 0, 0, 0], 0.01)
@@ -221,7 +221,7 @@ def test_wrong_models_and_commands_are_named(tmp_path):
         MujocoPlant(3, MUSCLE)
     with pytest.raises(InvalidInput, match="2 given for m = 6"):
         MujocoPlant(to_mjcf(ARM, BODIES), [MUSCLE, MUSCLE])
-    rig = plant()
+    rig = plant(gas=False)
     for commands, sentence in (([3.0] * 6, "bar"), (P[:5], r"expected \(6,\)"), (P * np.nan, "not finite")):
         with pytest.raises(InvalidInput, match=sentence):
             rig.step(commands, 0.01)
