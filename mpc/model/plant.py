@@ -280,8 +280,8 @@ class Plant:
         return torques[:, theta.size // 2].max(keepdims=True), torques.max().reshape(1)
 
     def balance(self, x: Array) -> float:
-        """Return 0: a joint is linearised without an external torque."""
-        return 0.0
+        """Return the external torque [N·m] that holds the state `x` (4,) against gravity and muscles."""
+        return float(self.gravity.moment(x[0]) - self.torque(x))
 
     def held(self, theta: Array, K: Array, T: Array, min_force: float) -> Held:
         """Return the pressures of `allocate` along a motion (M,)."""

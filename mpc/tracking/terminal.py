@@ -134,7 +134,7 @@ def terminal_factor(plant: Machine, dt: float, weights: Weights) -> Array:
 
 
 def middle(plant: Machine, dt: float) -> Middle:
-    """Return A, B and C about rest in the middle, where an external torque balances an arm's gravity."""
+    """Return A, B and C about rest in the middle, where an external torque balances gravity and muscles."""
     P = np.full(plant.m, np.mean(plant.pressure_limits))
     x = np.concatenate([np.atleast_1d(plant.middle), np.zeros(plant.n), P])
     n = plant.substeps(dt, RESOLUTION)  # one by one: a formula of all of them would be n times as long

@@ -79,7 +79,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
     solves = i.closed == 0 and not rests
     fed = linearised = seconds_at(i.clock, i.name)
     if whole and done:
-        take(room.path[delay], want.x, before, now)
+        take(room.path[delay], want, bounds, before, now)
         if solves:
             shift_set(i.starts, i.kept, i.guess)
     if done and solves and (whole or what == LINEARISE):
@@ -94,7 +94,7 @@ def step(what: int, table: int, last: Array, out: Array, x: Array, theta: Array,
             command(i, bounds, now, rests, before, after, made)
         done = rollout(i, k, bounds, now, room.y, made)
     if whole and done:
-        invert_dead_band(k, bounds, want, before, after.rest[SIDE] if rests else 0.0, made)
+        invert_dead_band(k, bounds, now, before, after.rest[SIDE] if rests else 0.0, made)
         remember(want, now, room.path, made, before, after)
         made.times[0], made.times[1] = fed - began, linearised - fed
         made.times[2] = seconds_at(i.clock, i.name) - linearised

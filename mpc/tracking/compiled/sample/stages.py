@@ -81,16 +81,17 @@ def under_way(state: State, x: Array, waiting: Array) -> None:
 
 
 @inlined_flat
-def take(x: Array, measured: Array, state: State, given: Given) -> None:
-    """Set the new data of a step that begins in `x` (2n + m,), which was `measured` (2n + m,) before the dead time: see
-    `Ladder.previous` and `Ladder.shift`.
+def take(x: Array, asked: Asked, bounds: Bounds, state: State, given: Given) -> None:
+    """Set the new data of a step that begins in `x` (2n + m,) after the dead time: see `Ladder.previous` and
+    `Ladder.shift`. The first command is near the measured pressures, made `Limits.commandable`.
     """
+    least = BAR * min(bounds.low, 0.0)
     u_star, N, turns = given.reference.u, given.u.shape[0], not np.isnan(state.u[0, 0])
     for i in range(NX):
         given.x[i] = x[i]
     for i in range(NU):
         first = np.isnan(state.u[0, i])
-        given.last[0, i] = measured[2 * JOINTS + i] if first else state.u[0, i]
+        given.last[0, i] = max(asked.x[2 * JOINTS + i], least) if first else state.u[0, i]
         given.last[1, i] = u_star[0, i] if np.isnan(state.u_star[i]) else state.u_star[i]
         for k in range(N):
             given.u[k, i] = u_star[k, i] if first else state.u[min(k + 1, N - 1), i]
@@ -129,7 +130,7 @@ def hold(rest: Array, bounds: Bounds, state: State, made: Made) -> None:
 
 
 @inlined_flat
-def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, side: float, made: Made) -> None:
+def invert_dead_band(known: Known, bounds: Bounds, given: Given, state: State, side: float, made: Made) -> None:
     """Fill in the pressures to send so that the plan's commands act, on the `side` of the band: see `Preview.sent`."""
     N, half = made.u.shape[0], known.dead_band / 2
     for k in range(N):
@@ -139,7 +140,7 @@ def invert_dead_band(known: Known, bounds: Bounds, asked: Asked, state: State, s
             made.sent[k, i] = v if half == 0.0 else (v + half * edge) / BAR
     if half == 0.0:
         return
-    last = asked.x[2 * JOINTS :] if np.isnan(state.sent[0]) else state.sent
+    last = given.last[0] if np.isnan(state.sent[0]) else state.sent
     limit(bounds.low, bounds.high, bounds.step, last, BAR, made.sent)
     for k in range(N):
         for i in range(NU):

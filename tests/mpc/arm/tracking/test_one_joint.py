@@ -1,5 +1,7 @@
 """A joint is an arm with n = 1, m = 2: the MPC's plan of a step is the same."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from mpc.model.arm.model import Arm
 
 pytestmark = [pytest.mark.slow, pytest.mark.compiles]
 
-GAS = {"mckibben-pulley": True, "sarosi-lever": False}
+JOINTS = "mckibben-pulley", "sarosi-lever"
 MASS, CENTRE, INERTIA, DAMPING, LAG = 0.8, 0.15, 0.01, 0.2, 0.08
 N, STEPS = 20, 30
 SENT, PLANNED = 5e-4 * BAR, 2e-3 * BAR  # [Pa] the two integrate with steps of their own
@@ -26,9 +28,10 @@ def both(joint, gas, **settings):
     return plant, TrackingMPC(plant, rest=False, compiled=False, **shared), TrackingMPC(arm, **shared)
 
 
-@pytest.fixture(scope="module", params=GAS)
+@pytest.fixture(scope="module", params=product(JOINTS, (False, True)), ids=lambda given: f"{given[0]}, gas {given[1]}")
 def controllers(request, joints):
-    return both(joints[request.param], GAS[request.param])
+    name, gas = request.param
+    return both(joints[name], gas)
 
 
 def assert_the_same_plans(controllers, theta, K, d=0.0, hidden=()):
