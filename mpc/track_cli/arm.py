@@ -12,7 +12,6 @@ import numpy as np
 
 from allocator.errors import InvalidInput
 from allocator.mechanism.bodies import Bodies
-from allocator.muscles.volume import usual_volume
 from allocator.presentation.progress import waiting
 from allocator.shell.options import within
 from allocator.units import BAR, DEG, PERCENT
@@ -115,13 +114,8 @@ def _other(arm: Arm) -> tuple[Arm, str]:
     """Return the arm with muscles of another force law and longer lags, and a list of the differences."""
     postures = np.random.default_rng(0).uniform(*arm.angle_limits, (_POSTURES, arm.n))
     contractions = np.array([arm.mechanism.contractions(q) for q in postures])
-    highest, lengths = arm.pressure_limits[1], arm.mechanism.routes.rest_length
-    fitted = refitted(arm.mechanism.muscles, contractions, highest)
-    muscles = [
-        one if arm.gas is None else replace(one, rest_volume=usual_volume(one, highest / 2, length)[0])
-        for one, length in zip(fitted.muscles, lengths, strict=True)
-    ]
-    mechanism = arm.mechanism.with_muscles(muscles)
+    fitted = refitted(arm.mechanism.muscles, contractions, arm.pressure_limits[1])
+    mechanism = arm.mechanism.with_muscles(fitted.muscles)
     return replace(arm, mechanism=mechanism, lag=tuple(LONGER_LAG * arm.lags)), (
         f"{fitted.unknown}, {_OFF / PERCENT:.2g} % stronger or weaker, lags 20 % longer, "
         f"encoder steps of {_SENSORS['encoder'] / DEG:g}°, {_SENSORS['pressure_noise'] / BAR:g} bar of noise"

@@ -43,8 +43,8 @@ def arm_text(arm: Arm) -> str:
     if not isinstance(arm.bodies, Bodies):
         raise InvalidInput("an arm from a MuJoCo model cannot be written to a file; keep the MuJoCo model")
     lags = tuple(arm.lags.tolist())
-    numbers: dict[str, object] = {"lag": lags[0] if len(set(lags)) == 1 else lags, "slew": arm.slew}
-    numbers |= {"gas": arm.gas is not None}
+    lag = lags[0] if len(set(lags)) == 1 else lags
+    numbers: dict[str, object] = {"lag": lag, "slew": arm.slew, "gas": arm.gas is not None}
     bodies = {f.name: getattr(arm.bodies, f.name) for f in fields(Bodies)}
     lines = section("bodies", bodies, "SI units: m, kg, kg·m², N·m·s/rad, m/s²") + section("plant", numbers, "s, Pa/s")
     return dumps(arm.mechanism) + "\n".join(lines) + "\n"

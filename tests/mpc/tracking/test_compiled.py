@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from allocator import BAR, DEG
-from mpc import PlanStatus, Plant, TrackingMPC, Weights
+from mpc import Compensation, PlanStatus, Plant, TrackingMPC, Weights
 from mpc.tracking.compiled import module
 from mpc.tracking.compiled.factory import factory
 from mpc.tracking.compiled.qp_step import CompiledFeedForward, CompiledQPStep
@@ -345,3 +345,15 @@ def test_a_copy_of_a_controller_goes_its_own_way(case):
 def test_the_readable_step_s_answer_is_certified_too(case):
     step = case.readable(*case.arguments())
     assert certified(DAQP, step.qp, math.inf, case.problem.curvature).status is PlanStatus.OPTIMAL
+
+
+@pytest.mark.parametrize("dead_band", [0.0, 0.1 * BAR])
+def test_a_gauge_below_zero_begins_the_first_command_at_zero(dead_band):
+    known, x = Compensation(dead_time=0.03, dead_band=dead_band), Plant().at_rest(0.05, 7.6)
+    x[1:3] = 2.0, -800.0
+    plans = [
+        TrackingMPC(Plant(), N=10, compensation=known, compiled=compiled).step(x, 0.1, 7.6)
+        for compiled in (True, False)
+    ]
+    np.testing.assert_allclose(plans[0].u, plans[1].u, atol=1e-6)
+    assert plans[0].u[0, 0] == pytest.approx(Plant().slew * 0.01)
