@@ -34,6 +34,7 @@ LARGE, LARGE_STILL = 0.1 * BAR, 0.08 * BAR  # [Pa] |offset| of a sensor to repor
 ALIKE = 7.5  # [σ] between pressures that one supply feeds
 SHOWN = 0.01 * BAR  # [Pa] resolution of the reported offset
 _TOGETHER = 0.03  # [s] between the onsets of one cause
+_SEEN_LATER = 1.0  # [s] a broken cable may be named after its muscle's pressure was rejected
 _FORGETTING = 1.0  # [s]: readings lost earlier hardly count
 _FLAGS = {
     Verdict.SILENT: FaultKind.SILENT_SENSOR,
@@ -181,11 +182,14 @@ class Diagnosis:
         self.health = Health(tuple(findings)) if findings else WELL
 
     def _of_sensors(self) -> Iterator[Finding]:
-        angles = self.names.sensors[: self.n]
+        angles, broken = self.names.sensors[: self.n], self.torque.broken
+        thrown = None if broken is None or not self._gas else self.names.sensors[self.n + broken]
         for finding in filter(None, self.sensors):
             fault, part, _ = finding.suspects[0]
-            if not (fault in _DOUBTED and part in angles and self._first < finding.since):
-                yield finding  # else another fault moved the joint out of its range, or holds it
+            moved = fault in _DOUBTED and part in angles and self._first < finding.since
+            swollen = fault is FaultKind.REJECTED_SENSOR and part == thrown and self._thrown < finding.since + _SEEN_LATER
+            if not (moved or swollen):
+                yield finding  # else a fault moved the joint out of its range, holds it, or freed the muscle
 
     @property
     def _first(self) -> float:

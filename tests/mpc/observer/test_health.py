@@ -150,8 +150,8 @@ def test_the_jerk_of_a_broken_cable_is_no_fault_of_the_other_muscle():
         healths = said("Tondu's muscles", BrokenCable(2.1, muscle=2), seed=seed)
         later = [health.suspects for health in healths[alarm(healths) + 100 :]]
         assert all(cable in suspects for suspects in later)
-        alone += all(suspects == (cable,) for suspects in later)
-    assert alone >= 4  # of 8; of 44 seeds, 32
+        alone += later[-1] == (cable,)
+    assert alone >= 7  # of 8; of 44 seeds, 40: the joint, thrown against its stop, may leave its angle in doubt
 
 
 @dataclass(frozen=True)
