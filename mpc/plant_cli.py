@@ -266,13 +266,7 @@ def init_command(
     check_toml("FILE", file)
     law = None if muscle is None else named_muscle(muscle)
     if machine is not None:
-        from mpc.model.arm.model import Arm
-        from mpc.model.arm.storage import save_arm
-
-        arm = Arm.machine(machine)
-        if law is not None:
-            arm = replace(arm, mechanism=replace(arm.mechanism, muscles=(law,) * arm.m))
-        save_arm(arm if gas is None else replace(arm, gas=gas), file)
+        _write_arm(file, machine, law, gas is not False)
         typer.echo(f"written: {file}; edit it, then try `antagonist track --machine {file}`")
         return
     text = (resources.files("mpc") / "data" / "joint.toml").read_text(encoding="utf-8")
@@ -280,6 +274,20 @@ def init_command(
         text = _with_muscle(text, law)
     write_text(file, text.replace("gas = true ", "gas = false", 1) if gas is False else text)
     typer.echo(f"written: {file}; edit it, then try `antagonist map --machine {file}`")
+
+
+def _write_arm(file: Path, machine: str, law: "Muscle | None", gas: bool) -> None:
+    """Write the file of a ready-made arm, with muscles of a `law`, and say what is assumed of their gas."""
+    from allocator.joint.assumption import filled
+    from mpc.model.arm.model import Arm
+    from mpc.model.arm.storage import save_arm
+
+    arm = Arm.machine(machine)
+    mechanism = arm.mechanism if law is None else arm.mechanism.with_muscles(law)
+    _, assumed = filled(mechanism.muscles, mechanism.routes.rest_length, arm.pressure_limits[1])
+    if gas and assumed:
+        typer.echo(assumed)
+    save_arm(replace(arm, mechanism=mechanism, gas=gas), file)
 
 
 def _with_muscle(text: str, muscle: "Muscle") -> str:

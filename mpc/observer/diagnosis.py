@@ -187,7 +187,9 @@ class Diagnosis:
         for finding in filter(None, self.sensors):
             fault, part, _ = finding.suspects[0]
             moved = fault in _DOUBTED and part in angles and self._first < finding.since
-            swollen = fault is FaultKind.REJECTED_SENSOR and part == thrown and self._thrown < finding.since + _SEEN_LATER
+            swollen = (
+                fault is FaultKind.REJECTED_SENSOR and part == thrown and self._thrown < finding.since + _SEEN_LATER
+            )
             if not (moved or swollen):
                 yield finding  # else a fault moved the joint out of its range, holds it, or freed the muscle
 

@@ -294,3 +294,13 @@ def test_a_plant_is_written_with_gas_or_without(machine, tmp_path):
     told = CliRunner().invoke(app, ["init", str(tmp_path / "usual.toml"), *more])
     assert told.exit_code == 0
     assert load(tmp_path / "usual.toml").gas is not None
+
+
+@pytest.mark.parametrize(("option", "said"), [("--gas", True), ("--no-gas", False)])
+def test_the_file_of_an_arm_tells_what_it_assumes_of_the_gas(option, said, tmp_path):
+    muscle = replace(SAROSI_DMSP_20_400N, inner_radius=None)
+    muscle.save(tmp_path / "muscle.toml", source={})
+    given = "init", str(tmp_path / "arm.toml"), "--machine", "arm26", "--muscle", str(tmp_path / "muscle.toml"), option
+    made = CliRunner().invoke(app, given)
+    assert made.exit_code == 0, made.output
+    assert ("how much gas the muscles hold: taken as in braids of" in made.output) == said
