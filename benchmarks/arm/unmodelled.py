@@ -10,8 +10,9 @@ worst joint. The error of the stiffness is the RMS of |K - K_ref| / |K_ref| (Fro
 ±10 % of the forces alone change it by several percent. At rest there are mean, swing and rate of the commands in the
 last second. "push" is the greatest error of a posture from when 1 N·m pushes every joint for a second until a second
 after it. Reported seeds are below 1000.
-The gains of the PIDs were found by Nelder and Mead's method on seed 1001 with 5° (`--tune 40`); those of arm48, found in
-60 evaluations without gas, are 4 % better there than what 40 find with it. The numbers of the MPC are those that were tuned for arm26 on another plant without gas (`benchmarks.arm.rough`). The MPC has the observer's
+The gains of the PIDs were found by Nelder and Mead's method on seed 1001 with 5° (`--tune 40`). Those of arm48, found
+in 60 evaluations without gas, are 4 % better there than what 40 evaluations find with gas. The numbers of the MPC are
+those that were tuned for arm26 on another plant, without gas (`benchmarks.arm.rough`). The MPC has the observer's
 disturbance torque, which a predictive PID replaces by its integral.
 """
 
