@@ -150,7 +150,8 @@ def test_the_terminal_cost_is_the_cost_of_the_unlimited_future(joint):
     L = terminal_factor(plant, DT, w)
     P = np.full(2, np.mean(joint.pressure_limits))
     middle = np.array([np.mean(joint.angle_range), 0.0, *P])
-    model = Predictor(plant, DT, 1).linearise(middle, P[None])
+    model = Predictor(plant, DT, 1).linearise(middle, P[None], plant.balance(middle))
+    np.testing.assert_allclose(model.x[1], middle, rtol=1e-9, atol=1e-12)  # a rest
     rng = np.random.default_rng(5)
     for xi in rng.normal(size=(3, 6)) * [0.01, 0.1, 1e4, 1e4, 1e4, 1e4]:
         x, before = xi[:4], xi[4:]
