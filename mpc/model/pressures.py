@@ -68,8 +68,8 @@ def text_of(gas: Gas | bool | None, muscles: Sequence[Muscle], lengths: Iterable
     if not isinstance(gas, Gas):
         return "no gas"
     volumes = [muscle.volume_at_rest(L) / CM3 for muscle, L in zip(muscles, lengths, strict=True)]
-    each = list(dict.fromkeys(f"{V:.3g}" for V in sorted(volumes)))
-    volume = " and ".join(each) if len(each) < 3 else f"{each[0]} to {each[-1]}"
+    each = list(dict.fromkeys(f"{V:.3g}" for V in volumes))
+    volume = " and ".join(each) if len(each) < 3 else f"{min(volumes):.3g} to {max(volumes):.3g}"
     return f"gas with κ = {gas.kappa:g} in {volume} cm³ at rest length"
 
 
