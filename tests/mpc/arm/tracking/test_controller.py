@@ -1,6 +1,7 @@
 """An arm on MuJoCo follows its references, and whatever comes in, what goes out keeps the limits."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,16 +34,20 @@ def controller():
     return TrackingMPC(ARM)
 
 
-@pytest.fixture(scope="module")
-def run(controller):
-    asked = circle(ARM, turns=1)
-    return simulate(plant(), controller, asked, x0=in_motion(ARM, asked))
+@pytest.fixture(scope="module", params=[False, True], ids=["no gas", "gas"])
+def run(request, controller):
+    arm = replace(ARM, gas=request.param)
+    asked = circle(arm, turns=1)
+    follows = controller if request.param else TrackingMPC(arm)
+    return simulate(plant(arm), follows, asked, x0=in_motion(arm, asked))
 
 
 def test_angles_and_stiffness_follow_on_bodies_that_are_mujoco_s(run):
-    begun = 20  # with gas a motion needs commands ahead of the pressures, and the slew limits the first ones
-    error = np.sqrt(np.mean((run.theta - run.theta_ref)[begun:] ** 2, axis=0)) / DEG
-    assert (error <= 0.003).all()
+    # with gas a motion needs commands ahead of the pressures, and the slew limits the first ones
+    allowed = 0.03 if run.plant.nominal.gas is None else 0.04
+    error = (run.theta - run.theta_ref) / DEG
+    assert (np.sqrt(np.mean(error**2, axis=0)) <= allowed).all()
+    assert (np.sqrt(np.mean(error[20:] ** 2, axis=0)) <= 0.003).all()
     assert np.sqrt(np.mean((run.K - run.K_ref)[50:] ** 2, axis=0)).max() <= 0.015
 
 
