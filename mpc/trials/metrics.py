@@ -166,10 +166,12 @@ def _violations(run: Run) -> dict[str, tuple[float, str]]:
 
 
 def _changes(run: Run) -> Array:
-    """Return the change (M, m) [Pa] of each command from the previous one."""
-    n, m = run.plant.n, run.plant.m
-    at_first = run.estimate[:1, 2 * n : 2 * n + m]  # the pressures known to the controller
-    return np.abs(np.diff(run.u, axis=0, prepend=at_first))
+    """Return the change (M, m) [Pa] of each command from the previous one; of the first, from the measured pressures,
+    made `Limits.commandable`.
+    """
+    n, m, least = run.plant.n, run.plant.m, min(run.plant.pressure_limits[0], 0.0)
+    measured = run.estimate[:1, 2 * n : 2 * n + m]
+    return np.abs(np.diff(run.u, axis=0, prepend=np.maximum(measured, least)))
 
 
 def _excess(values: Array, low: float | Array, high: float | Array, scale: float | Array) -> float:
