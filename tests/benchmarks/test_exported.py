@@ -23,5 +23,7 @@ def test_a_short_run_reports_c_faster_than_python_in_both_precisions(tmp_path):
     assert [(row["horizon"], row["precision"]) for row in rows] == [("5", "double"), ("5", "single")]
     assert all(0 < float(row["c_step"]) < float(row["python_step"]) for row in rows)
     assert all(0 < float(row["c_step"]) <= float(row["c_step_worst"]) for row in rows)
+    double, single = (float(row["error"]) for row in rows)
+    assert double < 1e-8 < single < 1e-3  # of the supply
     report = (tmp_path / "exported.md").read_text()
     assert report.count("| 5 | double |") == 2
