@@ -5,12 +5,13 @@
 Runs take 20 s. A step is the controller's, a sample also has the observer. Times are processor times of the thread.
 All runs are made several times with equal results, and every step counts with its least time, because interrupts and
 other programs delay different steps each time. Then the runs with the slowest steps are repeated, until their times are
-those of the work. The first two samples of a run, with cold caches and without an active set, have a column of their
-own. The last column is the worst of a single round, with all delays. The stranger is one of `benchmarks.strangers` with
-the model of its data sheet.
+those of the work. Python's garbage collector, which takes 0.2 ms more now and then, is off. The first two samples of a
+run, with cold caches and without an active set, have a column of their own. The last column is the worst of a single
+round, with all delays. The stranger is one of `benchmarks.strangers` with the model of its data sheet.
 """
 
 import argparse
+import gc
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -117,6 +118,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder of the report")
     asked = parser.parse_args()
+    gc.disable()
     rows = [measured(loop, N, asked.steps, asked.rounds) for loop in asked.loop or LOOPS for N in asked.horizon]
     write_text(asked.out / "tail.md", text := report(rows, asked.rounds))
     print(text)
