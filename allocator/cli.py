@@ -53,8 +53,8 @@ def _group(
 
     To identify a joint: `plan-joint` plans the measurement, `fit-joint` fits a joint to it, `fit-motion` fits a plant
     to a log of its motion, and `allocate`, `map`, `track`, `run` and `export` take the file with --machine. An arm is a
-    MuJoCo model, --machine FILE.xml, or a file of `init --machine arm26`, for `allocate`, `map`, `track`, `tune` and
-    `export`.
+    MuJoCo model, --machine FILE.xml, or a file of `init --machine arm26`, for `allocate`, `map`, `track`, `run`, `tune`
+    and `export`.
     """
     if ctx.invoked_subcommand is None:
         print(_FIRST)

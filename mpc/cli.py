@@ -37,7 +37,7 @@ app.command("fit-motion", cls=Command, short_help="identify lags and hysteresis 
 )
 app.add_typer(export_app, name="export", short_help="write C code, FMUs or firmware")
 app.command("devices", cls=Command, short_help="list the devices that `run` and `sweep` drive")(devices_command)
-app.command("run", cls=Command, short_help="drive a joint on a device along a trajectory")(run_command)
+app.command("run", cls=Command, short_help="drive a joint or an arm on a device")(run_command)
 app.command("sweep", cls=Command, short_help="run the experiment that identifies a joint")(sweep_command)
 app.command("measure", cls=Command, short_help="measure the stiffness of a joint on a device")(measure_command)
 app.command("explore", cls=Command, short_help="explore a joint in the browser")(explore)

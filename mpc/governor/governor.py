@@ -159,7 +159,8 @@ class PressureGovernor:
     values are therefore given as an `Interval`, and a command has to pass at all corners of the intervals
     (`mpc.governor.model`): strength, damping, masses (`inertia` and `gravity` together) and lag. Other values count as
     exact. The intervals are those of constants: effects that vary in time, such as hysteresis, a falling supply or
-    contacts, need a `margin` or a `load`. `python -m benchmarks.governor` measures both.
+    contacts, need a `margin` or a `load`. The model has no gas, also for an arm that has it: motion does not change its
+    pressures. `python -m benchmarks.governor` measures both.
 
     The first call with many commands compiles, and so does `warm_up`; before, a command takes about ten milliseconds
     per corner.

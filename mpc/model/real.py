@@ -2,7 +2,7 @@
 
 A `RealPlant` of a joint is
 
-    θ' = ω,   J ω' = T - b ω - m g l sin θ - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
+    θ' = ω,   J ω' = T - b ω - m g l sin(θ - θ_h) - T_f + d(t),   T = g1 a1 F1 - g2 a2 F2
     P_i' = dz(u_i(t - t_dead) - P_i)/τ_i within ± flow - q_i,   dz(e) = e minus the dead band, 0 within it,
                                                                  τ_i that of a rising or of a falling pressure
     q_i = κ (P_i + p_a) V_i'/V_i^eff, or 0 if the nominal plant has no gas

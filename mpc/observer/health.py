@@ -2,7 +2,7 @@
 
 | fault | observation | reaction |
 |---|---|---|
-| leak | pressure below that of its command, and never rising | stiffen less |
+| leak | pressure below that of its command, which does not rise or loses a constant share | stiffen less |
 | stuck valve | pressure that does not move while its command does | hold |
 | supply drop | pressure that follows its command up to a ceiling common to several muscles | stiffen less |
 | offset of a pressure sensor | it settles at a distance from its command, which the observer compensates | none |

@@ -1,9 +1,9 @@
 """Closed-form feed-forward. It follows a preview exactly if the model is exact and no limit is active.
 
-The motion needs the torque T = J θ'' + b θ' + m g l sin θ - d of a joint, or M(q) q'' + C(q, q') + D q' + g(q) - d of
-an arm, where d includes the friction of the intended motion (`mpc.tracking.preview`). One call of `allocate` turns
-(θ, K, T) at all N+1 samples into pressures, moving infeasible targets to the nearest feasible ones. The lag over one
-sample of constant command,
+The motion needs the torque T = J θ'' + b θ' + m g l sin(θ - θ_h) - d of a joint, or M(q) q'' + C(q, q') + D q' + g(q)
+- d of an arm, where d includes the friction of the intended motion (`mpc.tracking.preview`). One call of `allocate`
+turns (θ, K, T) at all N+1 samples into pressures, moving infeasible targets to the nearest feasible ones. The lag over
+one sample of constant command,
 
     P_{k+1} = α_i P_k + (1 - α_i) (u_k - τ_i q_k),    α_i = exp(-dt/τ_i)
 

@@ -4,11 +4,11 @@ With the torques T_i of the model at the measured angles and pressures, true str
 gravity m g l, stop operators s_j of the measured angle with half widths r_j on a grid, and a stiffness e that the
 model's force laws lack,
 
-    J θ'' + b θ' + m g l sin θ = g_1 T_1 + g_2 T_2 - e θ - Σ w_j s_j(θ; r_j) + c,        w_j, b ≥ 0            (W1)
+    J θ'' + b θ' + m g l sin(θ - θ_h) = g_1 T_1 + g_2 T_2 - e θ - Σ w_j s_j(θ; r_j) + c,   w_j, b ≥ 0          (W1)
 
 Multiplied by bumps φ that vanish with their slopes at both ends, and integrated by parts,
 
-    J ∫φ''θ = g_1 ∫φT_1 + g_2 ∫φT_2 - e ∫φθ - Σ w_j ∫φs_j + b ∫φ'θ - m g l ∫φ sin θ + c ∫φ                      (W2)
+    J ∫φ''θ = g_1 ∫φT_1 + g_2 ∫φT_2 - e ∫φθ - Σ w_j ∫φs_j + b ∫φ'θ - m g l ∫φ sin(θ - θ_h) + c ∫φ               (W2)
 
 no noise is differentiated. The solution is by least squares with nonnegative unknowns. The springs w_j are numbers,
 or shares of the model's K along the log: both are columns. No stop is wider than half the swing, because a stop that

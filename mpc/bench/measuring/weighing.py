@@ -3,7 +3,7 @@
 Tones leave a common factor open, which the inertia fixes: with an inertia s J, strengths, stiffness and damping are s
 times as great. The mean torques during a slow tone without the weight and with it balance its torque W,
 
-    s (g_1 ΔT_1 + g_2 ΔT_2) = W + m g l Δ sin θ                                                                 (W3)
+    s (g_1 ΔT_1 + g_2 ΔT_2) = W + m g l Δ sin(θ - θ_h)                                                          (W3)
 
 with strengths g_i for the given inertia, and the model's torques T_i at the mean angles and pressures. A symmetric loop
 has no mean of its own. The given inertia, ± its error, and s of (W3) are averaged by their variances; if they disagree

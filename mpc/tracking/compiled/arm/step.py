@@ -9,8 +9,9 @@ functions that fill flat arrays, matrices by columns:
     rigidity         (q, P) ↦ isobaric stiffness, (∂T/∂P)ᵀ
 
 and `move`, the motion over a sample (`mpc.model.arm.compiled.motion`). The array c holds the formulas' numbers,
-`decay` (substeps, 3, m) the remaining share of a pressure's error at beginning, middle and end of each step. The
-response of pressures to commands is always the same.
+`decay` (substeps, 3, m) the remaining share of a pressure's error at beginning, middle and end of each step.
+Without gas the response of pressures to commands is always the same. With gas the pressures are integrated, and `decay`
+only gives the number of steps.
 """
 
 from typing import Any
