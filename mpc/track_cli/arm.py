@@ -31,7 +31,7 @@ from mpc.track_cli.trial import Tested, Trial
 from mpc.trials.files import check_recordable
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.reference import Reference
-from mpc.trials.other_plant import LONGER_LAG, refitted
+from mpc.trials.other_plant import LONGER_LAG, of_sensors, refitted
 from mpc.trials.simulation import Controller, Run, in_motion
 
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
@@ -97,29 +97,28 @@ def _tested(given: Described, machine: PlantOptions, kind: str, seed: int) -> Te
     if kind == NOMINAL:
         return Tested(MujocoPlant.of(arm, source, gas=arm.gas), Compensation())
     told = known = _known(machine)
-    driven, unknown, rubbing = arm, "", known.of_joints(arm.n)
+    driven, rubbing, unknown = arm, known.of_joints(arm.n), []
     if kind == OTHER:
-        driven, unknown = _other(arm)
+        driven, laws = _other(arm)
+        unknown = [laws, "lags 20 % longer"]
         if not machine.is_mujoco and all(one.absent for one in rubbing):
             rubbing, told = _slips(arm), replace(known, frictions=_slips(arm, _KNOWN))
-            unknown = f"{unknown}, a quarter of the friction"
+            unknown += ["a quarter of the friction"]
+    unknown += [f"muscles {_OFF / PERCENT:.2g} % stronger or weaker", *of_sensors(*_SENSORS.values())]
     effects: dict[str, Any] = {"dead_time": known.dead_time, "dead_band": known.dead_band, **_SENSORS}
     effects |= {} if machine.is_mujoco else {"friction": rubbing}  # a MuJoCo model has its own
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)
     plant = MujocoPlant.of(driven, source, gas=arm.gas, nominal=arm, force_gains=1 + _OFF * signs, **effects)
-    return Tested(plant, told, unknown)
+    return Tested(plant, told, ", ".join(unknown))
 
 
 def _other(arm: Arm) -> tuple[Arm, str]:
-    """Return the arm with muscles of another force law and longer lags, and a list of the differences."""
+    """Return the arm with longer lags and muscles of other force laws, and the names of these laws in words."""
     postures = np.random.default_rng(0).uniform(*arm.angle_limits, (_POSTURES, arm.n))
     contractions = np.array([arm.mechanism.contractions(q) for q in postures])
     fitted = refitted(arm.mechanism.muscles, contractions, arm.pressure_limits[1])
     mechanism = arm.mechanism.with_muscles(fitted.muscles)
-    return replace(arm, mechanism=mechanism, lag=tuple(LONGER_LAG * arm.lags)), (
-        f"{fitted.unknown}, {_OFF / PERCENT:.2g} % stronger or weaker, lags 20 % longer, "
-        f"encoder steps of {_SENSORS['encoder'] / DEG:g}°, {_SENSORS['pressure_noise'] / BAR:g} bar of noise"
-    )
+    return replace(arm, mechanism=mechanism, lag=tuple(LONGER_LAG * arm.lags)), fitted.unknown
 
 
 def _slips(arm: Arm, share: float = 1.0) -> tuple[MaxwellSlip, ...]:

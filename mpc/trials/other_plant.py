@@ -56,11 +56,20 @@ def other_plant(
     lags = LONGER_LAG * model.lags[0], LONGER_LAG * model.lags[1]
     different = replace(joint, agonist=fitted.muscles[0], antagonist=fitted.muscles[1])
     real = RealPlant.standard(torque_profile=torque_profile, nominal=replace(model, joint=different, lag=lags))
-    unknown = [fitted.unknown, _strengths(real.force_gains)]
-    unknown += ["a quarter of the friction"] * ("friction" not in told)
+    unknown = [fitted.unknown]
     unknown += ["lags 20 % longer"] * ("lag_up" not in told and "lag_down" not in told)
-    unknown += [f"encoder steps of {real.encoder / DEG:g}°", f"{real.pressure_noise / BAR:g} bar of noise"]
-    return OtherPlant(replace(real, **told), ", ".join(unknown))
+    return OtherPlant(replace(real, **told), ", ".join([*unknown, of_real(real, "friction" in told)]))
+
+
+def of_real(real: RealPlant, knows_friction: bool) -> str:
+    """Return what no controller knows of a `real` plant, in words: strengths, sensors and a part of the friction."""
+    unknown = [_strengths(real.force_gains)] + ["a quarter of the friction"] * (not knows_friction)
+    return ", ".join([*unknown, *of_sensors(real.encoder, real.pressure_noise)])
+
+
+def of_sensors(encoder: float, pressure_noise: float) -> tuple[str, str]:
+    """Return the steps of an `encoder` [rad] and the noise [Pa] of the pressures in words."""
+    return f"encoder steps of {encoder / DEG:g}°", f"{pressure_noise / BAR:g} bar of noise"
 
 
 class Refitted(NamedTuple):
@@ -102,4 +111,4 @@ def _fitted(muscle: Muscle, contractions: Array, highest: float) -> tuple[Muscle
 def _strengths(gains: tuple[float, float]) -> str:
     """Return the differences of the muscles' strengths in words."""
     words = [f"{abs(g - 1) / PERCENT:.2g} % {'stronger' if g > 1 else 'weaker'}" for g in gains]
-    return f"{words[0]} (agonist) and {words[1]} (antagonist)"
+    return f"muscles {words[0]} (agonist) and {words[1]} (antagonist)"

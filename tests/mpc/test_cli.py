@@ -96,8 +96,10 @@ def test_an_amplitude_is_not_ignored_where_there_is_no_hysteresis(tmp_path):
     ]
     printed = CliRunner().invoke(app, [*command, "--plant", "nominal"]).output
     assert "--amplitude: this plant has no hysteresis" in printed
+    assert "not known" not in printed
     printed = CliRunner().invoke(app, [*command, "--plant", "real", "--force"]).output
     assert "felt stiffness, with hysteresis: pushes of ±5° meet" in printed
+    assert "not known to the controller: muscles 10 % stronger (agonist) and 10 % weaker" in " ".join(printed.split())
 
 
 @pytest.mark.slow

@@ -67,6 +67,7 @@ def test_a_pipe_learns_how_many_samples_are_left_and_the_errors_before_the_film(
 def test_a_real_plant_under_a_load_is_followed_too(folder):
     result = run("hold", "--plant", "real", "--payload", "1", "--out", "run.csv")
     assert result.exit_code == 0, result.output
+    assert "not known to the controller: muscles 5 % stronger or weaker" in " ".join(result.output.split())
     with (folder / "run.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert abs(float(rows[-1]["shoulder_deg"]) - 20) < 0.3
