@@ -25,7 +25,8 @@ def both(joint, gas, compiled=False, **settings):
     link = Bodies((0.3,), (MASS,), (CENTRE,), (INERTIA,), (DAMPING,), (EARTH, 0.0))
     arm = Arm(Mechanism.from_joint(joint), link, lag=LAG, gas=gas)
     shared = {"N": N, "solver": "daqp", "blocks": (1,) * N, **settings}
-    return plant, TrackingMPC(plant, rest=False, compiled=False, **shared), TrackingMPC(arm, compiled=compiled, **shared)
+    one = TrackingMPC(plant, rest=False, compiled=False, **shared)
+    return plant, one, TrackingMPC(arm, compiled=compiled, **shared)
 
 
 @pytest.fixture(scope="module", params=product(JOINTS, (False, True)), ids=lambda given: f"{given[0]}, gas {given[1]}")
