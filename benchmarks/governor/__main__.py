@@ -8,7 +8,7 @@ import numpy as np
 from allocator import Limits
 from allocator.units import BAR
 from benchmarks.governor.closed_loop import COMMANDERS, DT, MACHINES, SLEW, closed_loop, governor_of, machine
-from mpc.governor import GovernorStatus, PressureGovernor
+from mpc.governor import GovernorStatus
 
 
 def main() -> None:
@@ -21,13 +21,14 @@ def main() -> None:
         adversarial(arguments.commands)
     if arguments.arms:
         loops(arguments.arms, arguments.seconds)
+        gas(arguments.arms, arguments.seconds)
         unknown(arguments.arms, arguments.seconds)
 
 
 def adversarial(N: int, chunk: int = 50_000) -> None:
     """Count broken limits and moved safe commands, for random states and commands of any size, some of them NaN."""
     arm, rng = machine("arm26", 0.02), np.random.default_rng(0)
-    mechanism, governor = arm.mechanism, PressureGovernor.of_arm(arm, DT)
+    mechanism, governor = arm.mechanism, governor_of(arm, 0.0, ())
     if not governor.warm_up():
         raise SystemExit("numba cannot compile here; there is nothing to measure")
     broken = changed = 0
@@ -63,6 +64,18 @@ def loops(arms: int, seconds: float) -> None:
                     f"{r.broken:15} {r.unable:9.4f} {r.moved:6.3f}",
                     flush=True,
                 )
+
+
+def gas(arms: int, seconds: float) -> None:
+    """Measure excursions of arms with gas in their muscles, of which the governor does not know."""
+    print("machine  lag [s]  margin [°]  not kept  with gas, beyond the range [°]: " + " ".join(COMMANDERS))
+    for name in MACHINES:
+        for lag in (0.02, 0.1):
+            for margin in (0.0, 1.0):
+                told = {"lag": lag, "margin": np.radians(margin), "gas": True}
+                runs = [closed_loop(name, each, arms, seconds, **told) for each in COMMANDERS]
+                found = " ".join(f"{np.degrees(r.beyond):7.2f}" for r in runs)
+                print(f"{name:8} {lag:7} {margin:11} {max(r.unable for r in runs):9.4f} {found}", flush=True)
 
 
 UNKNOWN: tuple[dict[str, float], ...] = (

@@ -24,6 +24,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput, notice
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.mechanism import Mechanism
+from allocator.units import DEG
 from mpc.governor import kernel
 from mpc.governor.model import Dynamics, Interval, Posed, Scaled, ends, rows
 from mpc.governor.rules import Limits, Made, make, memory_for
@@ -113,6 +114,7 @@ def compiled_loop(text: str) -> Loop:
 
 
 _SINGULAR = 1e-12  # least eigenvalue of an inertia, relative to its greatest
+_GAS = 1 * DEG  # margin of arms with gas
 _PAYS = 500  # number of commands from which compilation pays
 _ROWS: dict[str, tuple[str, str, float | None]] = {  # unit, number, lower bound
     "load": ("N·m", "n", None),
@@ -159,8 +161,8 @@ class PressureGovernor:
     values are therefore given as an `Interval`, and a command has to pass at all corners of the intervals
     (`mpc.governor.model`): strength, damping, masses (`inertia` and `gravity` together) and lag. Other values count as
     exact. The intervals are those of constants: effects that vary in time, such as hysteresis, a falling supply or
-    contacts, need a `margin` or a `load`. The model has no gas, also for an arm that has it: motion does not change its
-    pressures. `python -m benchmarks.governor` measures both.
+    contacts, need a `margin` or a `load`. The model has no gas; where motion compresses gas, joints left the range by
+    up to 0.9°, for which `of_arm` takes a margin of 1°. `python -m benchmarks.governor` measures all this.
 
     The first call with many commands compiles, and so does `warm_up`; before, a command takes about ten milliseconds
     per corner.
@@ -221,10 +223,12 @@ class PressureGovernor:
         """Return the governor of an `mpc.model.arm.model.Arm` with the arm's slew, lags and bodies.
 
         `mass` is a factor of all its masses [-], and `others` are further fields, such as
-        `damping=Interval.about(arm.bodies.damping, 0.2)`. Raises `InvalidInput`.
+        `damping=Interval.about(arm.bodies.damping, 0.2)`. The `margin` is 1° for an arm with gas and 0 for
+        others, unless it is given. Raises `InvalidInput`.
         """
         bodies = arm.bodies
         given: dict[str, Any] = {"slew": arm.slew, "lag": arm.lag, "damping": bodies.damping}
+        given |= {"margin": _GAS if arm.gas is not None else 0.0}
         given |= {"inertia": bodies.mass_matrix, "gravity": bodies.gravity_torque}
         low, high = rows("PressureGovernor: mass", mass, "-", 1, "1", 0.0)[:, 0].tolist()
         for name in ("inertia", "gravity") if (low, high) != (1.0, 1.0) else ():

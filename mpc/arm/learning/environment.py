@@ -10,6 +10,7 @@ Both run `Episodes` of many arms: actions, governor, delay, dynamics and sensors
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import gymnasium
@@ -47,7 +48,8 @@ class Episodes:
         with waiting("compiling the environment, once for each kind of arm"):
             self.action = KINDS[task.actions](arm)
             self.batch: Batch = _BATCHES[task.dynamics](varied, size, task.dt)
-            self.governor = governor_of(arm, task.dt, task.delay) if governor is None else governor
+            moved = replace(arm, gas=task.gas)
+            self.governor = governor_of(moved, task.dt, task.delay) if governor is None else governor
             self.action.warm_up()
         self.seen_range = tuple(task.seen_range)
         n, m = arm.n, arm.m

@@ -12,8 +12,8 @@ from allocator.errors import InvalidInput
 from allocator.mechanism import Mechanism, Pulleys, machines
 from allocator.muscles import Hogan1984
 from allocator.muscles.catalogue import SAROSI_DMSP_20_400N
-from allocator.units import BAR
-from benchmarks.governor.closed_loop import COMMANDERS, closed_loop
+from allocator.units import BAR, DEG
+from benchmarks.governor.closed_loop import COMMANDERS, closed_loop, machine
 from mpc.governor import GovernorStatus, Interval, PressureGovernor
 
 from ...rigs.certificates import unexplained
@@ -131,6 +131,18 @@ def test_joints_never_leave_their_range_on_any_plant_within_the_intervals(name):
     assert min(run.moved for run in told) < 0.2  # and it is not always the backup that acts
     untold = [closed_loop(name, commander, arms=6, seconds=1.0, off=OFF) for commander in ("bang", "resonance")]
     assert np.degrees(max(run.beyond for run in untold)) > 3
+
+
+@pytest.mark.slow
+def test_gas_in_the_muscles_takes_less_than_a_degree_beyond_the_range_which_the_margin_of_arms_with_gas_keeps():
+    arm = machine("arm26", 0.1)
+    usual = PressureGovernor.of_arm(arm, DT).margin
+    assert usual <= 1 * DEG
+    assert PressureGovernor.of_arm(replace(arm, gas=False), DT).margin == 0.0
+    assert PressureGovernor.of_arm(arm, DT, margin=0.1).margin == 0.1
+    worst = {"name": "arm26", "commander": "outward", "arms": 4, "seconds": 2.0, "lag": 0.1, "gas": True}
+    assert 0 < closed_loop(**worst).beyond < 1 * DEG
+    assert closed_loop(**worst, margin=usual).beyond < 0
 
 
 def test_a_rest_in_the_very_middle_of_the_range_is_found():
