@@ -31,7 +31,7 @@ from mpc.track_cli.trial import Tested, Trial
 from mpc.trials.files import check_recordable
 from mpc.trials.loops import Settings, loop
 from mpc.trials.motions.reference import Reference
-from mpc.trials.other_plant import LONGER_LAG, of_sensors, refitted
+from mpc.trials.other_plant import LONGER_LAG, refitted, sensor_errors
 from mpc.trials.simulation import Controller, Run, in_motion
 
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a real plant
@@ -104,7 +104,7 @@ def _tested(given: Described, machine: PlantOptions, kind: str, seed: int) -> Te
         if not machine.is_mujoco and all(one.absent for one in rubbing):
             rubbing, told = _slips(arm), replace(known, frictions=_slips(arm, _KNOWN))
             unknown += ["a quarter of the friction"]
-    unknown += [f"muscles {_OFF / PERCENT:.2g} % stronger or weaker", *of_sensors(*_SENSORS.values())]
+    unknown += [f"muscles {_OFF / PERCENT:.2g} % stronger or weaker", *sensor_errors(**_SENSORS)]
     effects: dict[str, Any] = {"dead_time": known.dead_time, "dead_band": known.dead_band, **_SENSORS}
     effects |= {} if machine.is_mujoco else {"friction": rubbing}  # a MuJoCo model has its own
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], arm.m)

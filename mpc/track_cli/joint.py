@@ -21,7 +21,7 @@ from mpc.track_cli.trial import Tested, Trial
 from mpc.trials.files import reference_called
 from mpc.trials.loops import Settings, loop, robust
 from mpc.trials.motions.corrections import Owner
-from mpc.trials.other_plant import of_real, other_plant
+from mpc.trials.other_plant import other_plant, unknown_errors
 from mpc.trials.pictures.animation import save_animation
 from mpc.trials.simulation import Process, Run
 
@@ -79,7 +79,7 @@ def _tested(kind: str, model: Plant, known: Compensation, exact: bool) -> Tested
         return Tested(model if exact and known == Compensation() else RealPlant.of(model, known), known)
     if kind == REAL:
         real = RealPlant.standard(nominal=model)
-        unknown = of_real(real, "friction" in known.told)
+        unknown = unknown_errors(real, "friction" in known.told)
     else:
         real, unknown = other_plant(model, known=known)
     return Tested(replace(real, **known.told), replace(real.known(), **known.told), unknown)

@@ -8,6 +8,7 @@ import numpy as np
 from allocator.calculus import Array
 from allocator.presentation.tables import number, span
 from allocator.units import BAR, DEG, PERCENT
+from mpc.tracking.limits import Limits
 from mpc.tracking.plan import Moved, PlanStatus, Rung
 from mpc.trials.simulation import Run
 
@@ -169,9 +170,9 @@ def _changes(run: Run) -> Array:
     """Return the change (M, m) [Pa] of each command from the previous one; of the first, from the measured pressures,
     made `Limits.commandable`.
     """
-    n, m, least = run.plant.n, run.plant.m, min(run.plant.pressure_limits[0], 0.0)
-    measured = run.estimate[:1, 2 * n : 2 * n + m]
-    return np.abs(np.diff(run.u, axis=0, prepend=np.maximum(measured, least)))
+    plant, n, m = run.plant, run.plant.n, run.plant.m
+    limits = Limits(plant.pressure_limits, plant.slew * run.dt, plant.angle_limits, 0.0)
+    return np.abs(np.diff(run.u, axis=0, prepend=limits.commandable(run.estimate[:1, 2 * n : 2 * n + m])))
 
 
 def _excess(values: Array, low: float | Array, high: float | Array, scale: float | Array) -> float:

@@ -58,16 +58,16 @@ def other_plant(
     real = RealPlant.standard(torque_profile=torque_profile, nominal=replace(model, joint=different, lag=lags))
     unknown = [fitted.unknown]
     unknown += ["lags 20 % longer"] * ("lag_up" not in told and "lag_down" not in told)
-    return OtherPlant(replace(real, **told), ", ".join([*unknown, of_real(real, "friction" in told)]))
+    return OtherPlant(replace(real, **told), ", ".join([*unknown, unknown_errors(real, "friction" in told)]))
 
 
-def of_real(real: RealPlant, knows_friction: bool) -> str:
+def unknown_errors(real: RealPlant, knows_friction: bool) -> str:
     """Return what no controller knows of a `real` plant, in words: strengths, sensors and a part of the friction."""
     unknown = [_strengths(real.force_gains)] + ["a quarter of the friction"] * (not knows_friction)
-    return ", ".join([*unknown, *of_sensors(real.encoder, real.pressure_noise)])
+    return ", ".join([*unknown, *sensor_errors(real.encoder, real.pressure_noise)])
 
 
-def of_sensors(encoder: float, pressure_noise: float) -> tuple[str, str]:
+def sensor_errors(encoder: float, pressure_noise: float) -> tuple[str, str]:
     """Return the steps of an `encoder` [rad] and the noise [Pa] of the pressures in words."""
     return f"encoder steps of {encoder / DEG:g}°", f"{pressure_noise / BAR:g} bar of noise"
 
