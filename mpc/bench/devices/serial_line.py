@@ -342,7 +342,7 @@ class SerialDevice:
 
         try:
             line = serial.serial_for_url(
-                self.port, baudrate=self.baud, timeout=min(_POLL, self.timeout), write_timeout=0.1
+                self.port, baudrate=self.baud, timeout=min(_POLL, self.timeout), write_timeout=max(0.1, self.timeout)
             )
             line.reset_input_buffer()
         except _OPENING_ERRORS as error:
