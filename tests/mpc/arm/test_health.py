@@ -22,6 +22,8 @@ from mpc.observer.filter import CALM_NOISE
 from mpc.observer.health import FaultKind, Part, Reaction, Suspect
 from mpc.observer.kalman import KalmanObserver
 
+pytestmark = pytest.mark.compiles
+
 ARM = Arm.machine("arm26")
 JOINTS, MUSCLES = ARM.mechanism.joint_names, ARM.mechanism.muscle_names
 REST = ARM.at_rest(ARM.middle, [[12.0, 4.6], [4.6, 9.5]])

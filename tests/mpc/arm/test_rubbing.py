@@ -93,6 +93,7 @@ def test_another_number_of_frictions_than_joints_is_refused():
         KalmanObserver(TWO, 0.01, compensation=Compensation(frictions=(Friction(0.1),)))
 
 
+@pytest.mark.slow
 def test_an_observer_told_of_the_friction_finds_no_torque_where_one_untold_does():
     """A slow sweep of arm26: untold friction is a disturbance torque."""
     friction = tuple(Friction.of_width(TWO, 5 * DEG, joint=i) for i in range(2))

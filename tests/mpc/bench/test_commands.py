@@ -73,6 +73,7 @@ def test_an_option_of_the_simulated_joint_changes_that_number_alone():
     assert slower == replace(usual, slew=4 * BAR)
 
 
+@pytest.mark.compiles
 def test_a_simulated_file_without_its_machine_is_said_to_be_unknown_to_the_controller(tmp_path, trajectory):
     path = tmp_path / "plant.toml"
     assert antagonist("init", path).exit_code == 0
@@ -94,6 +95,7 @@ def test_a_run_writes_what_is_asked_for_and_cleans_up(tmp_path, trajectory):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.npz", "short.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [str.lower, str.upper])
 def test_a_log_as_csv_is_the_log_and_endings_may_be_capital(tmp_path, trajectory, ending):
     out, *others = (tmp_path / ending(f"run.{kind}") for kind in ("csv", "npz", "png"))
@@ -196,6 +198,7 @@ def test_a_loop_that_ended_itself_says_so_and_leaves_its_log(tmp_path, trajector
     assert read_log(tmp_path / "run.partial.csv")["t"].size > 20
 
 
+@pytest.mark.slow
 def test_a_run_that_finished_tells_of_a_sensor_that_fell_silent(tmp_path, trajectory, monkeypatch):
     read, calls = SimulatedDevice.read, iter(range(10**9))
 
@@ -235,6 +238,7 @@ def test_wrong_input_is_one_sentence(arguments, said):
     assert said in str(result.exception) + result.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "code"),
     [

@@ -32,6 +32,7 @@ def joint(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_run_and_its_log_are_in_angles_of_the_joint_and_fits_get_the_readings(joint, tmp_path):
     with open_simulated(str(joint), SimulatedClock()) as device:
         assert device.read().theta == pytest.approx(ZERO, abs=0.5 * DEG)

@@ -252,6 +252,7 @@ def test_an_arm_on_a_device_follows_as_in_a_simulation(measured):
     assert np.max(record.theta_rms) < 0.2 * DEG
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("age", [-1e-4, 1e-3, 0.01])
 def test_projected_angles_stay_on_the_steps_of_their_encoder(monkeypatch, age):
     """All readings of a real device are a tenth of a millisecond late: an observer took a 0.1° encoder for a fine one,

@@ -268,6 +268,7 @@ def test_gates_allow_the_pressures_of_quick_and_slow_regulators():
             assert np.allclose(model + apart, [quick, slow], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_an_angle_is_found_again_although_the_supply_has_dropped():
     faults = SupplyDrop(3.0, supply=1.5 * BAR), WrongReadings(5.0, 5.5, (0,), 0.9)
     real = replace(RealPlant.standard(), faults=faults)

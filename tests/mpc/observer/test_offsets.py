@@ -30,6 +30,7 @@ def standing(noise, offset=OFF):
     return abs((run.theta - run.theta_ref)[-100:].mean()) / DEG, observer.offset / BAR
 
 
+@pytest.mark.slow
 def test_a_sensor_beside_its_regulator_leaves_no_standing_error():
     error, found = standing(Noise())
     assert error < 0.05

@@ -158,6 +158,7 @@ def test_a_missing_column_is_named(tmp_path):
         read_joint_log(path)
 
 
+@pytest.mark.slow
 def test_only_laws_that_fit_better_when_they_are_tried_are_suggested(all_twins, log_maker):
     joint = all_twins["martens-pulley"]
     measured, options = log_maker(joint, 3).fit_arguments()

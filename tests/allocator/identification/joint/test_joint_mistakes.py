@@ -177,6 +177,7 @@ def test_friction_that_looks_partly_constant_by_chance_does_not_spoil_the_fit(al
     assert fit.forces(0.0, 3 * BAR, 3 * BAR).agonist == pytest.approx(joint.forces(0.0, 3 * BAR, 3 * BAR)[0], rel=0.05)
 
 
+@pytest.mark.slow
 def test_an_encoder_zero_beyond_the_search_is_not_written(data, tmp_path):
     fit = fit_joint(**{**data, "theta": data["theta"] + 60 * DEG, "model": "Sarosi2012"}, choices=False)
     with pytest.raises(ValueError, match=r"zero would be \+34.4° or more, so nothing was written: subtract"):
