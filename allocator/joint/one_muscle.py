@@ -166,8 +166,12 @@ class OneMuscle:
         if is_symbol(P) or is_symbol(self.contraction):
             return
         V = np.asarray(self.volume(P))
-        if (least := float(np.min(V, initial=np.inf))) <= 0:
-            raise InvalidInput(f"rest_volume and tube_volume leave the {self.name} a volume of {least:.3g} m³ here")
+        if (none := V <= 0).any():
+            eps = np.broadcast_to(self.contraction, V.shape)[none][0]
+            raise InvalidInput(
+                f"the gas of the {self.name} has no volume ({V[none][0]:.3g} m³) at the contraction ratio {eps:.4g}: "
+                "narrow the angle limits, or correct rest_length, rest_volume or tube_volume"
+            )
         at_rest = float(self.muscle.volume_at_rest(self.rest_length))
         if (most := float(np.max(V, initial=0.0))) > _MOST_GROWTH * at_rest:
             raise InvalidInput(

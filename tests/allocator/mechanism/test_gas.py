@@ -127,6 +127,12 @@ def test_a_file_keeps_the_gas(tmp_path):
             ).stiffness([0.0], [2e5, 2e5], valves="shut"),
             "the gas of the muscle 1 would grow .* if rest_volume was meant in litres",
         ),
+        (
+            lambda: Mechanism(Pulleys(0.1, [(0.05,), (-0.05,)], 0.1375), replace(FILLED, tube_volume=0.0)).stiffness(
+                [0.6], [2e5, 2e5], valves="shut"
+            ),
+            r"the gas of the muscle 2 has no volume \(-2.41e-06 m³\) at the contraction ratio -0.1625: narrow",
+        ),
     ],
 )
 def test_mistakes_are_one_sentence(call, sentence):
