@@ -67,15 +67,14 @@ def loops(arms: int, seconds: float) -> None:
 
 
 def gas(arms: int, seconds: float) -> None:
-    """Measure excursions of arms with gas in their muscles, of which the governor does not know."""
-    print("machine  lag [s]  margin [°]  not kept  with gas, beyond the range [°]: " + " ".join(COMMANDERS))
+    """Measure excursions of arms with gas in their muscles, of which the governor knows or does not."""
+    print("machine  lag [s]  gas      not kept  with gas, beyond the range [°]: " + " ".join(COMMANDERS))
     for name in MACHINES:
         for lag in (0.02, 0.1):
-            for margin in (0.0, 1.0):
-                told = {"lag": lag, "margin": np.radians(margin), "gas": True}
-                runs = [closed_loop(name, each, arms, seconds, **told) for each in COMMANDERS]
+            for known in ("unknown", "known"):
+                runs = [closed_loop(name, each, arms, seconds, lag=lag, gas=known) for each in COMMANDERS]
                 found = " ".join(f"{np.degrees(r.beyond):7.2f}" for r in runs)
-                print(f"{name:8} {lag:7} {margin:11} {max(r.unable for r in runs):9.4f} {found}", flush=True)
+                print(f"{name:8} {lag:7}  {known:7} {max(r.unable for r in runs):9.4f} {found}", flush=True)
 
 
 UNKNOWN: tuple[dict[str, float], ...] = (

@@ -90,17 +90,18 @@ def governor_of(arm: Arm, margin: float, known: tuple[tuple[str, float], ...]) -
 
 def closed_loop(
     name: str, commander: str, arms: int, seconds: float, *, lag: float = 0.02, margin: float = 0.0,
-    off: Mapping[str, float] = NOTHING, told: bool = False, governed: bool = True, gas: bool = False, seed: int = 0,
+    off: Mapping[str, float] = NOTHING, told: bool = False, governed: bool = True, gas: str = "", seed: int = 0,
 ) -> Run:  # fmt: skip
     """Run so many arms without end stops for so long.
 
     `off` is the greatest relative deviation of each arm's strength, damping, mass and lag from the model; the governor
-    is `told` intervals of these. Motion compresses the `gas` of the muscles, of which no governor knows.
+    is `told` intervals of these. Motion compresses `gas` in the muscles that is "known" or "unknown" to the governor.
     """
     arm, rng = machine(name, lag), np.random.default_rng(seed)
     mechanism = arm.mechanism
     free = replace(arm, mechanism=replace(mechanism, angle_limits=None))
     batch = ArmBatch(VariedArm(free, arm.gas if gas else None), arms, DT)
+    arm = replace(arm, gas=gas == "known")
     for quantity, share in off.items():
         batch.v[:, batch.varied.places[PLACES[quantity]]] *= factors(batch, quantity, share, rng)
     governor = governor_of(arm, margin, tuple(off.items()) if told else ())

@@ -42,7 +42,7 @@ def _files(governor: PressureGovernor, single: bool) -> Files:
     functions = [
         (
             made.functions[0],
-            "q, omega, P and a scene to omega', A, B of the forces A P + B, -l' of the muscles, kinetic energy",
+            "q, omega, P and a scene to omega', A, B of the forces A P + B, -l' of the muscles, gas, kinetic energy",
         ),
         (made.functions[1], "q and a scene to the energy of the muscles at rest, and of gravity"),
     ]
@@ -152,7 +152,7 @@ def _kinds(rules: StructKind, memory: StructKind) -> dict[str, Kind]:
     """Return the kinds of arguments, by their names in all functions."""
     given = {name: ArrayKind(REAL, (_M,), True) for name in ("P", "previous", "command")}
     given["scene"] = ArrayKind(REAL, (_SIZES["k"],), True)
-    made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "energy", "level")}
+    made = {name: memory.fields[name] for name in ("alpha", "gain", "force", "speed", "squeeze", "energy", "level")}
     ends = {"q": ArrayKind(REAL, (_N,), True), "omega": ArrayKind(REAL, (_N,), True), "safe": ArrayKind(REAL, (_M,))}
     return {"rules": rules, "memory": memory, **given, **made, **ends, "c": ArrayKind(REAL, ("1",), True), "mu": REAL}
 

@@ -23,11 +23,12 @@ from allocator import checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, notice
 from allocator.joint.antagonist import AntagonistJoint
+from allocator.joint.gas import Gas
 from allocator.mechanism import Mechanism
-from allocator.units import DEG
 from mpc.governor import kernel
 from mpc.governor.model import Dynamics, Interval, Posed, Scaled, ends, rows
 from mpc.governor.rules import Limits, Made, make, memory_for
+from mpc.model.pressures import gas_of
 from mpc.tracking.qp.step import SlowStep
 
 if TYPE_CHECKING:
@@ -114,7 +115,6 @@ def compiled_loop(text: str) -> Loop:
 
 
 _SINGULAR = 1e-12  # least eigenvalue of an inertia, relative to its greatest
-_GAS = 1 * DEG  # margin of arms with gas
 _PAYS = 500  # number of commands from which compilation pays
 _ROWS: dict[str, tuple[str, str, float | None]] = {  # unit, number, lower bound
     "load": ("N·m", "n", None),
@@ -161,8 +161,7 @@ class PressureGovernor:
     values are therefore given as an `Interval`, and a command has to pass at all corners of the intervals
     (`mpc.governor.model`): strength, damping, masses (`inertia` and `gravity` together) and lag. Other values count as
     exact. The intervals are those of constants: effects that vary in time, such as hysteresis, a falling supply or
-    contacts, need a `margin` or a `load`. The model has no gas; where motion compresses gas, joints left the range by
-    up to 0.9°, for which `of_arm` takes a margin of 1°. `python -m benchmarks.governor` measures all this.
+    contacts, need a `margin` or a `load`. `python -m benchmarks.governor` measures all this.
 
     The first call with many commands compiles, and so does `warm_up`; before, a command takes about ten milliseconds
     per corner.
@@ -180,6 +179,7 @@ class PressureGovernor:
     min_force: float = 0.0  # that keeps a muscle taut [N]
     max_energy: float | None = None  # greatest kinetic energy [J], for a contact
     strength: ArrayLike | Interval = 1.0  # of the muscles' forces, relative to the model [-], one or m of them
+    gas: Gas | bool | None = None  # that motion compresses; None, False: regulators hold the pressures
 
     def __post_init__(self) -> None:
         """Check the consistency of the parts. Raises `InvalidInput`."""
@@ -188,6 +188,7 @@ class PressureGovernor:
         if not isinstance(mechanism, Mechanism):
             raise InvalidInput(f"mechanism is a {type(mechanism).__name__}; expected a Mechanism or a joint")
         object.__setattr__(self, "mechanism", mechanism)
+        object.__setattr__(self, "gas", gas_of("PressureGovernor: gas", self.gas, mechanism.gas))
         n, m = self.mechanism.n, self.mechanism.m
         sizes = {"n": n, "m": m}
         for name, (unit, letter, above) in _ROWS.items():
@@ -199,6 +200,8 @@ class PressureGovernor:
         matrices = [end if callable(end) else _inertia(end, n) for end in ends(self.inertia)]
         same = not isinstance(self.inertia, Interval) or matrices[0] == matrices[1]
         object.__setattr__(self, "inertia", matrices[0] if same else Interval(*matrices))
+        if self.gas is not None and min(ends(self.lag)[0]) <= 0:
+            raise InvalidInput("PressureGovernor: no motion compresses gas behind regulators without a lag; give lag")
         for end in ends(self.gravity):
             if end is not None and not callable(end):
                 raise InvalidInput(
@@ -220,15 +223,13 @@ class PressureGovernor:
 
     @classmethod
     def of_arm(cls, arm: "Arm", dt: float, *, mass: float | Interval = 1.0, **others: Any) -> Self:
-        """Return the governor of an `mpc.model.arm.model.Arm` with the arm's slew, lags and bodies.
+        """Return the governor of an `mpc.model.arm.model.Arm` with the arm's slew, lags, gas and bodies.
 
         `mass` is a factor of all its masses [-], and `others` are further fields, such as
-        `damping=Interval.about(arm.bodies.damping, 0.2)`. The `margin` is 1° for an arm with gas and 0 for
-        others, unless it is given. Raises `InvalidInput`.
+        `damping=Interval.about(arm.bodies.damping, 0.2)`. Raises `InvalidInput`.
         """
         bodies = arm.bodies
-        given: dict[str, Any] = {"slew": arm.slew, "lag": arm.lag, "damping": bodies.damping}
-        given |= {"margin": _GAS if arm.gas is not None else 0.0}
+        given: dict[str, Any] = {"slew": arm.slew, "lag": arm.lag, "damping": bodies.damping, "gas": arm.gas}
         given |= {"inertia": bodies.mass_matrix, "gravity": bodies.gravity_torque}
         low, high = rows("PressureGovernor: mass", mass, "-", 1, "1", 0.0)[:, 0].tolist()
         for name in ("inertia", "gravity") if (low, high) != (1.0, 1.0) else ():
@@ -320,9 +321,14 @@ class PressureGovernor:
         """Numbers and formulas of the kernel."""
         damping, lag, strength = (np.array(ends(value)) for value in (self.damping, self.lag, self.strength))
         inertia, gravity = ends(self.inertia), ends(self.gravity)
-        dynamics = Dynamics(self.mechanism, inertia, gravity, damping, strength, np.array(self.load))
+        dynamics = Dynamics(self.mechanism, inertia, gravity, damping, strength, np.array(self.load), self._gas)
         limits = Limits(self.dt, self.slew, lag, self.margin, self.min_force, self.max_energy)
         return make(dynamics, limits)
+
+    @property
+    def _gas(self) -> Gas | None:
+        assert self.gas is None or isinstance(self.gas, Gas)  # converted at the beginning
+        return self.gas
 
     @cached_property
     def _packed(self) -> Packed:

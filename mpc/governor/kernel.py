@@ -11,8 +11,8 @@ a command passes if all of them stay in the range. The backup is the same functi
 
 The kernel is plain Python for arrays, which numba compiles unchanged and `mpc.export.governor` prints as C. The
 formulas of `mpc.governor.model` replace the lines below that begin with `FORMULAS`: `motion(q, omega, P, scene, c,
-alpha, gain, force, speed, energy)` and `potential(q, scene, c, level)`, which fill arrays; c holds the formulas'
-numbers and `scene` the uncertain ones.
+alpha, gain, force, speed, squeeze, energy)` and `potential(q, scene, c, level)`, which fill arrays; c holds the
+formulas' numbers and `scene` the uncertain ones.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -35,14 +35,14 @@ MOST_POWER = 1e30  # [W] above that of any arm
 HALVINGS = 4  # of the segment from the backup to the command
 STEPS = 60  # of the bisection that finds the multiplier of the energy
 KEPT = 1e-8  # [-] of a row's size: greatest excess that counts as none
-LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, BRAKE, INNER, RANGED = range(10)  # of `numbers`
+LEAST, MIN_FORCE, REACH, SLEW, NEAR, REACTION, ENERGY, BRAKE, INNER, RANGED, ATMOSPHERE = range(11)  # of `numbers`
 LOWEST, ROOT = range(2)  # of a row of `barrier`
 
 
 class Rules(NamedTuple):
     """Numbers of a governor of n joints and m muscles, with s scenes of k uncertain numbers."""
 
-    numbers: Annotated[Array, 10]  # in the order of the constants above, SI units
+    numbers: Annotated[Array, 11]  # in the order of the constants above, SI units
     most: Annotated[Array, "m"]  # supply or validity [Pa]
     load: Annotated[Array, "n"]  # greatest external torque [N·m]
     ends: Annotated[Array, "n", 2]  # of the range [rad]
@@ -51,6 +51,7 @@ class Rules(NamedTuple):
     scenes: Annotated[Array, "s", "k"]  # uncertain numbers of the formulas
     barrier: Annotated[Array, "s", 2]  # energy in the range [J] and root of the barrier [√J]
     weight: Annotated[Array, "s", "m"]  # w of the pressures' approach to the rest [√J/(Pa·s)]
+    volume: Annotated[Array, "s", "m"]  # greatest V/κ of the gas in the range [m³]
     lag: Annotated[Array, "s", "m"]  # [s]
     steps: Annotated[Array, 2]  # [s] of the integration, in the first sample and later
     decay: Annotated[Array, "2 * s", "m"]  # exp(-step/lag), two rows per scene
@@ -72,6 +73,8 @@ class Memory(NamedTuple):
     gain: Annotated[Array, "m"]  # A of the forces A P + B [N/Pa]
     force: Annotated[Array, "m"]  # B [N]
     speed: Annotated[Array, "m"]  # -l', at which muscles shorten [m/s]
+    before: Annotated[Array, "m"]  # the same a step earlier [m/s]
+    squeeze: Annotated[Array, "m"]  # κ (P + p_a) V'/(V s), by which shortening lowers the pressures [Pa/m]
     energy: Annotated[Array, 2]  # kinetic [J], and gravity's power [W]
     level: Annotated[Array, 1]  # potential [J]
     scene: Annotated[Array, "k"]  # of the present scene
@@ -236,8 +239,10 @@ def begin(rules, s, q, omega, P, previous, memory):
         memory.pressures[j], memory.commands[j] = P[j], previous[j]
     motion(
         memory.angles, memory.rates, memory.pressures, memory.scene, rules.motion,
-        memory.alpha, memory.gain, memory.force, memory.speed, memory.energy,
+        memory.alpha, memory.gain, memory.force, memory.speed, memory.squeeze, memory.energy,
     )  # fmt: skip
+    for j in range(len(P)):
+        memory.before[j] = memory.speed[j]
 
 
 def stays(rules, q, omega, P, previous, command, given, memory):
@@ -292,39 +297,60 @@ def brake(rules, samples, calm, memory):
 def certain(rules, s, memory):
     """Return whether the joints of scene `s` always stay in range if the pressures go to the rest now.
 
-    The bodies' energy decides: with E the energy above that of the rest, pressure errors δ let it grow by
-    (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in all by less than w·∫|δ|dt, where ∫|δ_j|dt ≤ (u_j - P_bj)²/2r + τ |P_j - P_bj| with
-    the slew r and the lag τ. The potential at the ends is nowhere less than ROOT² above the rest's.
+    The bodies' energy E above that of the rest decides. The potential at the ends is nowhere less than ROOT² above the
+    rest's.
     """
-    numbers = rules.numbers
-    grows = 0.0
-    for j in range(len(rules.rest)):
-        off = memory.commands[j] - rules.rest[j]
-        grows += rules.weight[s, j] * (
-            0.5 * off * off / numbers[SLEW] + rules.lag[s, j] * abs(memory.pressures[j] - rules.rest[j])
-        )
-    left = rules.barrier[s, ROOT] - grows
-    if left <= 0.0 or memory.energy[0] >= left * left:
+    most = room(rules, s, memory)
+    if memory.energy[0] >= most:
         return False
     potential(memory.angles, memory.scene, rules.potential, memory.level)
-    return memory.energy[0] + memory.level[0] - rules.barrier[s, LOWEST] < left * left
+    return memory.energy[0] + memory.level[0] - rules.barrier[s, LOWEST] < most
+
+
+def room(rules, s, memory):
+    """Return the energy E [J] below which the joints stay in range while the pressures go to the rest.
+
+    Pressure errors δ = P - P_b let √E grow by (√E)' ≤ ‖∂τ/∂P δ‖_{M⁻¹}/√2, in all by less than w·∫|δ|dt, where
+    ∫|δ_j|dt ≤ e_j²/2r + τ |δ_j| with e = u - P_b, the slew r and the lag τ.
+
+    Motion that compresses gas changes δ, but the gas returns the work that it takes: with κ (P + p_a) ψ' = ψ + δ and
+    ψ(P_b) = 0 only the commands let E + Σ V_j ψ_j grow. With c = V/(κ (p + p_a)) at the least p of P, u and P_b,
+    V ψ is at most c δ²/2, and grows by at most c e²/4τ, where ∫e²dt ≤ |e|³/3r.
+    """
+    numbers, gas, grows, stored = rules.numbers, rules.numbers[ATMOSPHERE], 0.0, 0.0
+    for j in range(len(rules.rest)):
+        off, error = abs(memory.commands[j] - rules.rest[j]), abs(memory.pressures[j] - rules.rest[j])
+        if gas > 0.0:
+            least = min(memory.pressures[j], min(memory.commands[j], rules.rest[j]))
+            c = rules.volume[s, j] / (least + gas)
+            stored += 0.5 * c * error * error
+            if off > 0.0:
+                stored += c * off * off * off / (12.0 * numbers[SLEW] * rules.lag[s, j])
+        else:
+            grows += rules.weight[s, j] * (0.5 * off * off / numbers[SLEW] + rules.lag[s, j] * error)
+    left = max(rules.barrier[s, ROOT] - grows, 0.0)
+    return left * left - stored
 
 
 def advance(rules, s, stage, memory):
     """Take a step of velocity Verlet in scene `s`; return whether all joints are within their range.
 
-    Between two steps a reversing joint is at most h²|ω'|/8 farther than at their ends.
+    Between two steps a reversing joint is at most h²|ω'|/8 farther than at their ends. Gas is compressed at the speed
+    in the middle of the step, continued from its beginning and the step before.
     """
     h = rules.steps[stage]
     for j in range(len(rules.rest)):
-        u = memory.commands[j]
-        memory.pressures[j] = u + rules.decay[2 * s + stage, j] * (memory.pressures[j] - u)
+        u, decay = memory.commands[j], rules.decay[2 * s + stage, j]
+        middle = 1.5 * memory.speed[j] - 0.5 * memory.before[j]
+        fall = rules.lag[s, j] * (1.0 - decay) * memory.squeeze[j] * middle
+        memory.pressures[j] = u + decay * (memory.pressures[j] - u) - fall
+        memory.before[j] = memory.speed[j]
     for i in range(len(memory.angles)):
         memory.angles[i] += h * (memory.rates[i] + 0.5 * h * memory.alpha[i])
         memory.guess[i] = memory.rates[i] + h * memory.alpha[i]
     motion(
         memory.angles, memory.guess, memory.pressures, memory.scene, rules.motion,
-        memory.later, memory.gain, memory.force, memory.speed, memory.energy,
+        memory.later, memory.gain, memory.force, memory.speed, memory.squeeze, memory.energy,
     )  # fmt: skip
     inside = True
     for i in range(len(memory.angles)):
@@ -337,4 +363,4 @@ def advance(rules, s, stage, memory):
     return inside
 
 
-FUNCTIONS = (projected, limit, begin, energetic, nearest, certain, brake, advance, lasts, stays, shielded, govern)
+FUNCTIONS = (projected, limit, begin, energetic, nearest, room, certain, brake, advance, lasts, stays, shielded, govern)

@@ -1,7 +1,8 @@
 """Formulas of the governor: the arm's motion, and its energy at the pressures of the rest.
 
 With the mass matrix M(q) the bodies' equations are M q'' = τ(q, P) - C - D q' - g(q) + d, where by Lagrange
-C = (∂(M ω)/∂q) ω - ½ ∂(ωᵀM ω)/∂q; d is the greatest load, which pushes away from the rest. Slack cables do not push.
+C = (∂(M ω)/∂q) ω - ½ ∂(ωᵀM ω)/∂q; d is the greatest load, which pushes away from the rest. Slack cables do not push,
+nor do they compress gas.
 
 Muscles, damping and bodies may be uncertain: an `Interval` for strengths, damping, masses and lags. The uncertain
 numbers are an argument of the formulas, a column called *scene*; the formulas contain all other numbers.
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike
 from allocator import checks
 from allocator.calculus import Array, Value
 from allocator.errors import InvalidInput
+from allocator.joint.gas import Gas
 from allocator.lazy import SX, Function
 from allocator.mechanism import Mechanism
 from allocator.mechanism.formulas import symbolic_lengths
@@ -101,6 +103,7 @@ class Dynamics(NamedTuple):
     damping: Array  # (2, n) [N·m·s/rad]
     strength: Array  # (2, m) of the forces, relative to the model
     load: Array  # (n) [N·m]
+    gas: Gas | None  # None: regulators hold the pressures against every motion
 
     @property
     def bounds(self) -> Array:
@@ -133,6 +136,7 @@ class _Formulas(NamedTuple):
     slope: "SX"  # ∂l/∂q (m, n)
     A: "SX"  # (m) of the model's forces A P + B
     B: "SX"  # (m)
+    V: "SX"  # (m) volumes of the gas [m³], 0 without
     M: "SX"  # (n, n)
     g: "SX"  # (n)
 
@@ -149,17 +153,26 @@ class _Formulas(NamedTuple):
         strength, damping, share = values[:m], values[m : m + n], values[m + n]
         M = _between([_matrix(inertia, q) for inertia in dynamics.inertia], share)
         g = _between([_torque(gravity, q) for gravity in dynamics.gravity], share)
-        return cls(scene, strength, damping, *_muscles(dynamics.mechanism, q), M, g)
+        V = 0 * strength if dynamics.gas is None else _volumes(dynamics.mechanism, q, strength)
+        return cls(scene, strength, damping, *_muscles(dynamics.mechanism, q), V, M, g)
 
     def torque(self, pull: "SX") -> "SX":
         """Return τ - g of muscles with the model's forces `pull` (m) [N]."""
         return -self.slope.T @ (self.strength * pull) - self.g
 
+    def squeeze(self, gas: Gas | None, P: "SX") -> "SX":
+        """Return the fall of the pressures [Pa/m] of taut muscles that shorten: κ (P + p_a) A/V (m), 0 without gas."""
+        if gas is None:
+            return 0 * P
+        taut = self.A * P + self.B > 0
+        return taut * gas.kappa * (P + gas.atmosphere) * self.strength * self.A / self.V
+
 
 def statics_function(dynamics: Dynamics) -> "Function":
-    """Return the CasADi function (q, P, scene) ↦ (τ - g, ∂τ/∂P, -∂(τ - g)/∂q, M, ∂l/∂q, A, B).
+    """Return the CasADi function (q, P, scene) ↦ (τ - g, ∂τ/∂P, -∂(τ - g)/∂q, M, ∂l/∂q, A, B, K_shut, V).
 
-    A and B are those of the model's forces A P + B. Raises `InvalidInput` for muscles that are not affine and for
+    A and B are those of the model's forces A P + B, K_shut is the stiffness -∂(τ - g)/∂q with trapped gas, and V the
+    volumes, 0 without gas. Raises `InvalidInput` for muscles that are not affine and for
     routes without formulas.
     """
     import casadi as ca
@@ -168,12 +181,13 @@ def statics_function(dynamics: Dynamics) -> "Function":
     f = _Formulas.at(dynamics, q)
     torque = f.torque(f.A * P + f.B)  # (M1)
     gain = -f.slope.T @ ca.diag(f.strength * f.A)
-    made = [torque, gain, -ca.jacobian(torque, q), f.M, f.slope, f.A, f.B]
+    K = -ca.jacobian(torque, q)
+    made = [torque, gain, K, f.M, f.slope, f.A, f.B, K - gain @ ca.diag(f.squeeze(dynamics.gas, P)) @ f.slope, f.V]
     return ca.Function("statics", [q, P, f.scene], list(map(ca.densify, ca.cse(made))))
 
 
 def motion_function(dynamics: Dynamics, rest: Array) -> "Function":
-    """Return the CasADi function (q, ω, P, scene) ↦ (ω', A, B, -l', (½ ωᵀM ω, -ω·g)).
+    """Return the CasADi function (q, ω, P, scene) ↦ (ω', A, B, -l', squeeze, (½ ωᵀM ω, -ω·g)).
 
     A and B are those of the model's forces A P + B. The load pushes every joint away from `rest` (n) [rad]. Raises
     `InvalidInput` like `statics_function`.
@@ -190,8 +204,9 @@ def motion_function(dynamics: Dynamics, rest: Array) -> "Function":
     if dynamics.load.any():
         pushing += ca.DM(dynamics.load) * ca.sign(q - ca.DM(rest))
     alpha = ca.ldl_solve(pushing, *ca.ldl(f.M))
-    made = [alpha, f.A, f.B, -(f.slope @ omega), ca.vertcat(kinetic, -ca.dot(omega, f.g))]
-    names = ["q", "omega", "P", "scene"], ["alpha", "gain", "force", "speed", "energy"]
+    squeeze = f.squeeze(dynamics.gas, P)
+    made = [alpha, f.A, f.B, -(f.slope @ omega), squeeze, ca.vertcat(kinetic, -ca.dot(omega, f.g))]
+    names = ["q", "omega", "P", "scene"], ["alpha", "gain", "force", "speed", "squeeze", "energy"]
     return ca.Function("motion", [q, omega, P, f.scene], list(map(ca.densify, ca.cse(made))), *names)
 
 
@@ -235,11 +250,27 @@ def _muscles(mechanism: Mechanism, q: "SX") -> tuple["SX", "SX", "SX"]:
     import casadi as ca
 
     mechanism.check_affine("a governor")
-    length = symbolic_lengths(mechanism.routes, q)
-    eps = [(L - length[j]) / L for j, L in enumerate(mechanism.routes.rest_length)]
-    pairs = list(zip(mechanism.muscles, eps, strict=True))
+    pairs = list(zip(mechanism.muscles, _contractions(mechanism, q), strict=True))
     A = ca.vertcat(*(muscle.gain(0.0, e) for muscle, e in pairs))
-    return ca.jacobian(length, q), A, ca.vertcat(*(muscle.law(0.0, e) for muscle, e in pairs))
+    slope = ca.jacobian(symbolic_lengths(mechanism.routes, q), q)
+    return slope, A, ca.vertcat(*(muscle.law(0.0, e) for muscle, e in pairs))
+
+
+def _volumes(mechanism: Mechanism, q: "SX", strength: "SX") -> "SX":
+    """Return the volumes (m) [m³] at `q`; they grow in proportion to the muscles' `strength` (m)."""
+    import casadi as ca
+
+    laws = list(zip(mechanism.muscles, mechanism.routes.rest_length, strict=True))
+    rest = ca.DM([muscle.volume_at_rest(L) for muscle, L in laws])
+    eps = _contractions(mechanism, q)
+    now: SX = ca.vertcat(*(muscle.volume(0.0, e, L) for (muscle, L), e in zip(laws, eps, strict=True)))
+    return rest + strength * (now - rest)
+
+
+def _contractions(mechanism: Mechanism, q: "SX") -> list["SX"]:
+    """Return the contraction ratios ε (m) at `q`."""
+    length = symbolic_lengths(mechanism.routes, q)
+    return [(L - length[j]) / L for j, L in enumerate(mechanism.routes.rest_length)]
 
 
 class Corners(NamedTuple):

@@ -67,7 +67,7 @@ def make(dynamics: Dynamics, limits: Limits) -> Made:
         decay = np.exp(-steps[None, :, None] / cases.lag[:, None, :]).reshape(-1, mechanism.m)
     rules = kernel.Rules(
         _numbers(dynamics, limits, rest), most, dynamics.load, rest.ends, rest.P, dynamics.strength,
-        dynamics.scenes(cases.values), rest.barrier, rest.weight, cases.lag, steps, decay,
+        dynamics.scenes(cases.values), rest.barrier, rest.weight, rest.volume, cases.lag, steps, decay,
         np.append(counts, len(cases.lag)), motion.c, potential.c,
     )  # fmt: skip
     return Made(rules, functions, f"{IMPORTS}{motion.text}\n\n{potential.text}\n\n")
@@ -77,7 +77,7 @@ def _numbers(dynamics: Dynamics, limits: Limits, rest: "_Rest") -> Array:
     """Return `kernel.Rules.numbers`."""
     mechanism = dynamics.mechanism
     lo, hi = mechanism.pressure_limits
-    numbers = np.zeros(10)
+    numbers = np.zeros(11)
     weakest = float(dynamics.strength[0 if limits.min_force > 0 else 1].min())
     numbers[[kernel.LEAST, kernel.MIN_FORCE, kernel.SLEW]] = lo, limits.min_force / weakest, limits.slew
     numbers[[kernel.REACH, kernel.NEAR]] = limits.slew * limits.dt, BINDS * (hi - lo)
@@ -85,6 +85,7 @@ def _numbers(dynamics: Dynamics, limits: Limits, rest: "_Rest") -> Array:
     numbers[kernel.ENERGY] = np.inf if limits.max_energy is None else limits.max_energy
     numbers[kernel.BRAKE] = rest.brake
     numbers[kernel.INNER] = min(_INNER, 0.05 * float(np.ptp(rest.ends, axis=1).min()))
+    numbers[kernel.ATMOSPHERE] = 0.0 if dynamics.gas is None else dynamics.gas.atmosphere
     numbers[kernel.RANGED] = float(mechanism.angle_limits is not None)
     return numbers
 
@@ -105,6 +106,7 @@ class _Rest(NamedTuple):
     P: Array  # (m) [Pa]
     barrier: Array  # (s, 2) energy in the range [J] and root of the barrier [√J]
     weight: Array  # (s, m) [√J/(Pa·s)]
+    volume: Array  # (s, m) greatest V/κ of the gas [m³]
     brake: float  # [Pa·s/m]
     rates: tuple[float, float]  # of the slowest and the fastest motion [rad/s]
 
@@ -114,7 +116,7 @@ class _Rest(NamedTuple):
         mechanism, statics, middle = dynamics.mechanism, statics_function(dynamics), dynamics.middle
         ends = np.array(mechanism.angle_limits) + limits.margin * np.array([1.0, -1.0])
         grid = _grid(ends)
-        *_, A, B = _at(statics, grid, most, middle)
+        A, B = _at(statics, grid, most, middle)[5:7]
         taut = ((limits.min_force / dynamics.strength[0][:, None] - B) / A).max(axis=0)[:, 0]
         least = np.clip(taut, mechanism.pressure_limits[0], most)
         P = _held(lambda q, P: statics(q, P, middle), ends.mean(axis=1), least, most)
@@ -128,14 +130,16 @@ class _Rest(NamedTuple):
         each = _barriers(dynamics, ends, grid, q, P, most, cases)
         rates = min(barrier.slowest for barrier in each), max(barrier.fastest for barrier in each)
         levels = np.array([[barrier.lowest, barrier.root] for barrier in each])
-        return cls(ends, q, P, levels, np.array([barrier.weight for barrier in each]), brake, rates)
+        weight, volume = (np.array(rows) for rows in zip(*((one.weight, one.volume) for one in each), strict=True))
+        return cls(ends, q, P, levels, weight, volume, brake, rates)
 
     @classmethod
     def nowhere(cls, n: int, most: Array, cases: Corners) -> "_Rest":
         """Return a placeholder for mechanisms without a range."""
         s = len(cases.lag)
         ends = np.tile([-_FREE, _FREE], (n, 1))
-        return cls(ends, np.zeros(n), most, np.zeros((s, 2)), np.zeros((s, most.size)), 0.0, (1.0, 1.0))
+        none = np.zeros((s, most.size))
+        return cls(ends, np.zeros(n), most, np.zeros((s, 2)), none, none, 0.0, (1.0, 1.0))
 
 
 class _Barrier(NamedTuple):
@@ -144,6 +148,7 @@ class _Barrier(NamedTuple):
     lowest: float  # energy in the range [J]
     root: float  # of the barrier [√J]
     weight: Array  # (m) [√J/(Pa·s)]
+    volume: Array  # (m) greatest V/κ of the gas [m³]
     slowest: float  # motion [rad/s]
     fastest: float  # motion [rad/s]
 
@@ -157,17 +162,18 @@ def _barriers(
     for values, scene in zip(cases.values, dynamics.scenes(cases.values), strict=True):
         key = (*values[: -n - 1], values[-1])  # neither damping nor lags change energies
         if key not in known:
-            known[key] = _barrier(dynamics.load, statics, potential, ends, grid, q, P, most, scene)
+            known[key] = _barrier(dynamics, statics, potential, ends, grid, q, P, most, scene)
         found.append(known[key])
     return found
 
 
 def _barrier(
-    load: Array, statics: "Function", potential: "Function", ends: Array, grid: Array, q: Array, P: Array, most: Array,
-    scene: Array,
+    dynamics: Dynamics, statics: "Function", potential: "Function", ends: Array, grid: Array, q: Array, P: Array,
+    most: Array, scene: Array,
 ) -> _Barrier:  # fmt: skip
     """Return the barrier of one scene. Raises `InvalidInput`."""
-    _, gain, stiff, M, *_ = _at(statics, grid, most, scene)
+    load, kappa = dynamics.load, 1.0 if dynamics.gas is None else dynamics.gas.kappa
+    _, gain, _, M, _, _, _, stiff, V = _at(statics, grid, most, scene)
 
     def level(at: Array) -> float:
         return float(potential(at, scene))
@@ -184,7 +190,8 @@ def _barrier(
         raise InvalidInput(_NO_REST)
     weight = np.sqrt(np.einsum("gij,gij->gj", gain, np.linalg.solve(M, gain)).max(axis=0) / 2)
     fastest = float(max(eigh(*pair, eigvals_only=True)[-1] for pair in zip(stiff, M, strict=True)))
-    return _Barrier(lowest, (barrier - lowest) ** 0.5, weight, squares[0] ** 0.5, fastest**0.5)
+    volume = V.max(axis=0)[:, 0] / kappa
+    return _Barrier(lowest, (barrier - lowest) ** 0.5, weight, volume, squares[0] ** 0.5, fastest**0.5)
 
 
 def _grid(ends: Array) -> Array:

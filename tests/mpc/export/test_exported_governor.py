@@ -25,8 +25,8 @@ ARM = machines.arm26()
 
 @cache
 def governor(unsure=False):
-    """The governor of arm26, exact or with numbers in intervals."""
-    exact = PressureGovernor(ARM, 0.01, 20 * BAR, (0.12, 0.04), damping=0.1, lag=0.02, max_energy=2.0)
+    """The governor of arm26 with gas, exact or with numbers in intervals."""
+    exact = PressureGovernor(ARM, 0.01, 20 * BAR, (0.12, 0.04), damping=0.1, lag=0.02, max_energy=2.0, gas=True)
     intervals = {
         "inertia": Interval((0.11, 0.036), (0.13, 0.044)),
         "damping": Interval(0.08, 0.12),

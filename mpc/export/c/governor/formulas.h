@@ -6,9 +6,9 @@
 
 static void motion(const ant_real *q, const ant_real *omega, const ant_real *P, const ant_real *scene,
                    const ant_real *c, ant_real *alpha, ant_real *gain, ant_real *force, ant_real *speed,
-                   ant_real *energy) {
+                   ant_real *squeeze, ant_real *energy) {
     (void)c;
-    ant_model_motion(q, omega, P, scene, alpha, gain, force, speed, energy);
+    ant_model_motion(q, omega, P, scene, alpha, gain, force, speed, squeeze, energy);
 }
 
 static void potential(const ant_real *q, const ant_real *scene, const ant_real *c, ant_real *level) {
