@@ -119,8 +119,9 @@ def _known(governor: PressureGovernor) -> str:
 
 
 def _range(low: tuple[float, ...], high: tuple[float, ...]) -> str:
-    least, greatest = min(low), max(high)
-    return f"{least:g}" if least == greatest else f"{least:g} to {greatest:g}"
+    """Return the bounds of each joint or muscle in their order, or once if they are the same."""
+    each = [f"{least:g}" if least == most else f"{least:g} to {most:g}" for least, most in zip(low, high, strict=True)]
+    return ", ".join(each if len(set(each)) > 1 else each[:1])
 
 
 _N, _M = "ANT_JOINTS", "ANT_MUSCLES"

@@ -115,6 +115,12 @@ def test_a_command_exports_the_governor_of_a_machine(tmp_path):
     assert not (tmp_path / "d").exists()
 
 
+def test_the_readme_lists_unlike_lags_and_intervals_in_their_order(tmp_path):
+    unlike = replace(governor(), lag=(0.06, 0.12, 0.06, 0.06, 0.1, 0.1), damping=Interval((0.1, 0.2), (0.1, 0.3)))
+    said = (export_governor(tmp_path / "c", unlike) / "README.md").read_text()
+    assert "strength 1; damping 0.1, 0.2 to 0.3 N·m·s/rad; lag 0.06, 0.12, 0.06, 0.06, 0.1, 0.1 s" in said
+
+
 def test_what_is_no_governor_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match="expected a PressureGovernor"):
         export_governor(tmp_path / "c", ARM)
