@@ -1,7 +1,8 @@
 """Simulated device: a plant that moves with the clock, in real time or as fast as the computer can.
 
-It behaves like a joint or an arm on a bench, including the effects of `RealPlant` and `RealArm`. Its time base is finer
-than a controller's, so that a command acts from the time at which it is written.
+It behaves like a joint or an arm on a bench, including the effects of `RealPlant` and `RealArm`. An arm has end stops,
+on which it lies without pressure. The time base is finer than a controller's, so that a command acts from the time at
+which it is written.
 """
 
 from dataclasses import replace
@@ -19,6 +20,7 @@ from allocator.machine_file import encoder_zero_in, machine_from
 from allocator.mechanism import Mechanism
 from allocator.units import BAR, DEG
 from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
+from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
@@ -29,6 +31,7 @@ from mpc.model.real_experiment import RealExperiment, RealMachine
 STEP = 1e-3  # of its time base [s]
 _VENTED = 0.0  # [Pa]
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a bench
+_STOP = 50.0  # Ω [1/s] of an arm's end stops
 _MOST = 2.0  # [s] longest time that one call simulates: more would take as long again
 
 
@@ -133,9 +136,20 @@ class SimulatedDevice:
         due = int((self.clock.now() - self._began) / STEP * (1 + 1e-12) + 1e-6) - self._steps
         load = np.asarray(self.torque, float)
         for _ in range(min(due, int(_MOST / STEP))):
-            experiment.advance(self._u, -load)
+            experiment.advance(self._u, self._stopping(experiment.x) - load)
         self._steps += max(due, 0)
         return experiment
+
+    def _stopping(self, x: Array) -> Array:
+        """Return the torques (n,) [N·m] of the end stops of an arm: springs and dampers that only push back."""
+        nominal = self.plant.nominal
+        q, omega = x[: nominal.n], x[nominal.n : 2 * nominal.n]
+        depth = q - np.clip(q, *nominal.angle_limits)
+        if not (isinstance(nominal, Arm) and depth.any()):
+            return np.zeros(nominal.n)
+        inertia = 1 / np.diag(np.linalg.inv(nominal.bodies.mass_matrix(q)))
+        push = inertia * _STOP * (_STOP * depth + 2 * omega)
+        return np.asarray(-push * (push * depth > 0))
 
 
 def _row(name: str, values: Array, size: int) -> Array:

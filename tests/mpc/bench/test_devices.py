@@ -230,3 +230,17 @@ def test_names_of_devices_come_before_modules(rig):
 def test_a_joint_of_a_file_is_simulated(tmp_path):
     Plant(inertia=0.07).save(tmp_path / "plant.toml")
     assert open_device(f"sim:{tmp_path / 'plant.toml'}").plant.nominal.inertia == 0.07
+
+
+def test_an_arm_without_pressure_lies_on_its_end_stops():
+    arm = Arm.machine("arm26")
+    heavy, clock = replace(arm, bodies=replace(arm.bodies, gravity=(0.0, -9.81))), SimulatedClock()
+    with SimulatedDevice(heavy, clock) as device:
+        clock.sleep_until(2.0)
+        device.read()
+        clock.sleep_until(3.0)
+        lying = device.read().theta
+    low, _ = heavy.angle_limits
+    assert np.all(lying > low - 5 * DEG)
+    assert lying[0] < low[0]
+    assert np.abs(device.x[2:4]).max() < 0.01
