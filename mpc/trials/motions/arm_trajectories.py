@@ -7,7 +7,7 @@ import numpy as np
 from allocator import allocate, checks
 from allocator.calculus import Array
 from allocator.errors import InvalidInput, MissingBackend
-from allocator.mechanism import Mechanism, Pulleys
+from allocator.mechanism import Pulleys
 from allocator.mechanism.bodies import Bodies
 from allocator.units import DEG
 from mpc.model.arm.model import Arm
@@ -124,25 +124,26 @@ def tracked_stiffness(arm: Arm, q: Array, K: Array) -> Array:
 def usual_stiffness(arm: Arm) -> Callable[[Array], Array]:
     """Return the joints' stiffness (k, n, n) [N·m/rad] over postures (k, n).
 
-    On pulleys it is the same everywhere, if the muscles come near it; otherwise it is that of pressures half-way from
-    slack to the greatest ones, at which their torques cancel.
+    On pulleys it is the same everywhere, if the muscles come near it; otherwise it is that of pressures about half-way
+    from slack to the greatest ones which hold the arm against gravity.
     """
     if (K := _usual_number(arm)) is not None:
         return lambda q: np.tile(K, (len(q), 1, 1))
-    return lambda q: arm.mechanism.stiffness(q, _balanced(arm.mechanism, q))
+    return lambda q: arm.mechanism.stiffness(q, _balanced(arm, q))
 
 
-def _balanced(mechanism: Mechanism, q: Array) -> Array:
-    """Return the pressures (k, m) [Pa] nearest to those half-way from slack to the greatest ones at which no torque is
-    left, by Newton's method. Those beyond the supply are clipped.
+def _balanced(arm: Arm, q: Array) -> Array:
+    """Return the pressures (k, m) [Pa] nearest to those half-way from slack to the greatest ones which hold the arm
+    against gravity, by Newton's method. Those beyond the supply are clipped.
     """
+    mechanism, gravity = arm.mechanism, arm.bodies.gravity_torque(q)
     least, most = mechanism.pressure_box(q)
     P = np.where(least < most, (least + most) / 2, np.mean(mechanism.pressure_limits))
     step = _STEP * mechanism.pressure_span
     for _ in range(_ROUNDS):
         T = mechanism.torque(q, P)
         slopes = [(mechanism.torque(q, P + step * muscle) - T) / step for muscle in np.eye(mechanism.m)]
-        P = P - np.einsum("kmn,kn->km", np.linalg.pinv(np.stack(slopes, axis=-1)), T)
+        P = P - np.einsum("kmn,kn->km", np.linalg.pinv(np.stack(slopes, axis=-1)), T - gravity)
     return np.clip(P, *mechanism.pressure_limits)
 
 
@@ -155,7 +156,8 @@ def _usual_number(arm: Arm) -> Array | None:
     K = np.array(_STIFFNESS[2]) if coupled else _EACH * np.eye(arm.n)
     ends = np.stack([K, K])
     ends[:, 0, 0] += -_K_SWING, _K_SWING
-    given = allocate(np.stack([middle_of(arm)] * 2), ends, joint=arm.mechanism).K
+    q = np.stack([middle_of(arm)] * 2)
+    given = allocate(q, ends, arm.bodies.gravity_torque(q), joint=arm.mechanism).K
     return K if np.abs(given - ends).max() <= _NEAR * K.max() else None
 
 

@@ -89,6 +89,12 @@ def test_the_usual_stiffness_is_one_that_the_muscles_come_near(run):
     assert "100 % of the reference is out of reach" in next(limits_of_reference(far, 5 * BAR))
 
 
+def test_the_usual_stiffness_is_reachable_by_an_arm_that_holds_itself_against_gravity():
+    leg = Arm.machine("leg37")
+    asked = reference("reach", leg).resampled(0.1)
+    assert leg.reachable(asked.theta, asked.K, leg.bodies.gravity_torque(asked.theta)).all()
+
+
 def test_the_table_has_every_sample_in_degrees_and_bar(run, tmp_path):
     save_run(run, tmp_path / "arm.csv")
     with (tmp_path / "arm.csv").open(encoding="utf-8") as file:
