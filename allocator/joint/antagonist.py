@@ -64,7 +64,8 @@ class AntagonistJoint:
                 how = ", such as named_muscle(name)" if kind is Muscle else ", such as Pulley(…)"
                 raise InvalidInput(f"{name} = {checks.brief(part)} has to be a {kind.__name__}{how}")
         object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
-        object.__setattr__(self, "min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
+        least = checks.contraction("min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
+        object.__setattr__(self, "min_contraction", float(least))
         if self.angle_limits is not None:
             checks.angle("angle_limits", self.angle_limits)
             left, right = checks.limits("angle_limits", self.angle_limits, "rad")

@@ -146,6 +146,7 @@ def test_the_geometric_part_of_a_lever_s_stiffness_destabilises():
         (lambda: report_with(angle_limits=(-90, 90)), "if degrees were meant"),
         (lambda: report_with(angle_limits=(1, -1)), "have to increase"),
         (lambda: report_with(min_contraction=0.2), "no joint angle"),
+        (lambda: report_with(min_contraction=2.5), "min_contraction = 2.5 is no contraction ratio; if percent"),
         (lambda: replace(report_joint(), agonist="sarosi-dmsp-20-400n"), "has to be a Muscle, such as named_muscle"),
         (lambda: replace(report_joint(), geometry=0.02), "geometry = 0.02 has to be a Geometry"),
         (lambda: report_joint().torque(0.0, 5, 3), "if bar was meant"),

@@ -135,6 +135,10 @@ def test_a_posture_beyond_a_table_is_answered_at_its_end():
         (lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), (SAROSI_DMSP_20_400N,) * 2), "2 given; .* m = 1 .* n = 1"),
         (lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), SAROSI_DMSP_20_400N, (0, 5)), "if bar was meant"),
         (
+            lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), SAROSI_DMSP_20_400N, min_contraction=2.5),
+            "min_contraction = 2.5 is no contraction ratio; if percent was meant, divide by 100",
+        ),
+        (
             lambda: Mechanism(Pulleys(0.4, [(0.02,)], 0.1), SAROSI_DMSP_20_400N, angle_limits=((1.0, -1.0),)),
             "angle_limits have to be .* n = 1 joints, increasing",
         ),
