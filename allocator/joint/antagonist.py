@@ -25,7 +25,17 @@ from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked
 from allocator.joint.geometry import Geometry, Pulley, check_routes
 from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.joint.hysteresis import PrandtlIshlinskii, after_history, nearest_equilibrium
-from allocator.joint.limits import COMMON_FORCE, PRIOR_FORCE, TAUT, UNSEEN, Limit, Limits, PressureBox, checked_supply
+from allocator.joint.limits import (
+    COMMON_FORCE,
+    PRIOR_FORCE,
+    TAUT,
+    UNSEEN,
+    Limit,
+    Limits,
+    PressureBox,
+    checked_contraction,
+    checked_supply,
+)
 from allocator.joint.one_muscle import OneMuscle
 from allocator.joint.tondu_pulley import TonduPulley
 from allocator.muscles import AffineMuscle, Muscle, Tondu2021
@@ -64,8 +74,7 @@ class AntagonistJoint:
                 how = ", such as named_muscle(name)" if kind is Muscle else ", such as Pulley(…)"
                 raise InvalidInput(f"{name} = {checks.brief(part)} has to be a {kind.__name__}{how}")
         object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
-        least = checks.contraction("min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
-        object.__setattr__(self, "min_contraction", float(least))
+        object.__setattr__(self, "min_contraction", checked_contraction(self.min_contraction))
         if self.angle_limits is not None:
             checks.angle("angle_limits", self.angle_limits)
             left, right = checks.limits("angle_limits", self.angle_limits, "rad")

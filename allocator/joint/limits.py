@@ -122,6 +122,11 @@ def checked_supply(limits: object) -> tuple[float, float]:
     return low, high
 
 
+def checked_contraction(value: object) -> float:
+    """Return the least contraction ratio of a cable that is taut. Raises InvalidInput."""
+    return float(checks.contraction("min_contraction", checks.number("min_contraction", value, "ratio")))
+
+
 def checked_limits(limits: object) -> Limits:
     """Return `limits`. Raises InvalidInput unless they are `Limits`."""
     if not isinstance(limits, Limits):

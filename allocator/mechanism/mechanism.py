@@ -24,7 +24,7 @@ from allocator.calculus import Array
 from allocator.errors import InvalidInput
 from allocator.joint.antagonist import AntagonistJoint
 from allocator.joint.gas import AIR, Gas, Shares, StiffnessKind, Valves, checked_gas
-from allocator.joint.limits import TAUT, Limits, PressureInterval, checked_supply
+from allocator.joint.limits import TAUT, Limits, PressureInterval, checked_contraction, checked_supply
 from allocator.joint.one_muscle import OneMuscle
 from allocator.mechanism.routes import Routes
 from allocator.mechanism.routes.pulleys import routes_of
@@ -70,8 +70,7 @@ class Mechanism:
         checked_cables(muscles, self.routes.rest_length)
         object.__setattr__(self, "muscles", muscles)
         object.__setattr__(self, "pressure_limits", checked_supply(self.pressure_limits))
-        least = checks.contraction("min_contraction", checks.number("min_contraction", self.min_contraction, "ratio"))
-        object.__setattr__(self, "min_contraction", float(least))
+        object.__setattr__(self, "min_contraction", checked_contraction(self.min_contraction))
         object.__setattr__(self, "angle_limits", _angle_limits(self.angle_limits, self.routes))
         object.__setattr__(self, "muscle_names", _names("muscle", self.muscle_names, m))
         object.__setattr__(self, "joint_names", _names("joint", self.joint_names, n))

@@ -321,14 +321,10 @@ class PressureGovernor:
         """Numbers and formulas of the kernel."""
         damping, lag, strength = (np.array(ends(value)) for value in (self.damping, self.lag, self.strength))
         inertia, gravity = ends(self.inertia), ends(self.gravity)
-        dynamics = Dynamics(self.mechanism, inertia, gravity, damping, strength, np.array(self.load), self._gas)
+        gas = gas_of("gas", self.gas, self.mechanism.gas)
+        dynamics = Dynamics(self.mechanism, inertia, gravity, damping, strength, np.array(self.load), gas)
         limits = Limits(self.dt, self.slew, lag, self.margin, self.min_force, self.max_energy)
         return make(dynamics, limits)
-
-    @property
-    def _gas(self) -> Gas | None:
-        assert self.gas is None or isinstance(self.gas, Gas)  # converted at the beginning
-        return self.gas
 
     @cached_property
     def _packed(self) -> Packed:

@@ -4,9 +4,8 @@
     P_j' = (u_j - P_j)/τ_j - κ (P_j + p_a) V_j'/V_j^eff, the second term with `gas` only                        (G3)
 
 The factors s, b and g_j, the lags τ_j, the muscles' parameters and the numbers of the wall differ between arms: each
-has a row of values of a `VariedArm`. Beyond the angle limits is an end stop, τ_stop = -I_i (Ω² e + 2Ω ω_i) with the
-excess e, about as stiff relative to the inertia as MuJoCo's. N is the force of the hand on a wall with the normal ν
-(`Wall`), J the Jacobian of the hand; without a wall N = 0.
+has a row of values of a `VariedArm`. τ_stop is that of end stops at the angle limits (`mpc.model.stops`), N the force
+of the hand on a wall with the normal ν (`Wall`), J the Jacobian of the hand; without a wall N = 0.
 
 A `Wall` that the hand touches is a spring and a damper behind a plane, which push and never pull.
 
@@ -26,7 +25,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from allocator import checks
-from allocator.calculus import Array, Mask, Value
+from allocator.calculus import Array, Mask
 from allocator.errors import InvalidInput, notice
 from allocator.joint.gas import Gas
 from allocator.joint.one_muscle import OneMuscle
@@ -41,6 +40,7 @@ from mpc.model.arm.model import Arm
 from mpc.model.arm.ranges import about_the_middle
 from mpc.model.experiment import integrated
 from mpc.model.pressures import fall
+from mpc.model.stops import STOP_RATE, pushed_back, stop_torque
 from mpc.tracking.qp.step import SlowStep
 
 _UNIT = 1e-9  # greatest error of the square of a unit vector
@@ -73,19 +73,9 @@ class Wall:
         return np.array([self.offset, self.stiffness, self.damping])
 
 
-def pushed_back(depth: Value, speed: Value, stiffness: Value, damping: Value) -> Value:
-    """Return the force of a spring and a damper that only push, at the `depth` beyond their end and its rate `speed`.
-
-    Units are those of a translation or a rotation; numbers, arrays or CasADi symbols.
-    """
-    force = stiffness * depth + damping * speed
-    return force * (force > 0) * (depth > 0)
-
-
 Move: TypeAlias = Callable[[Array, Array, Array, Array, float, int], None]
 """Function (x, u, v, d, h, substeps) ↦ None, which advances the states x."""
 
-_STOP = 50.0  # Ω [1/s] of the end stops; MuJoCo's have the same time constant, 0.02 s
 RESOLUTION = 0.25  # step times the rate of the fastest motion: an error of about 3e-5 of the change
 
 
@@ -145,7 +135,7 @@ class VariedArm:
     def fastest_rate(self) -> float:
         """Estimate of the fastest eigenvalue [1/s] of the nominal arm, its end stops and its touch of the wall."""
         arm = self.arm
-        rates = [arm.fastest_rate, 2 * _STOP if arm.has_stops else 0.0]
+        rates = [arm.fastest_rate, 2 * STOP_RATE if arm.has_stops else 0.0]
         if self.wall is not None:
             q = about_the_middle(arm)
             across = np.array(self.wall.normal) @ self.hand.jacobian(q)
@@ -210,15 +200,13 @@ class VariedArm:
         return falls
 
     def _stop(self, q: "SX", omega: "SX") -> "SX":
-        """Return the torques of the end stops (n, 1) [N·m]: springs and dampers that only push back."""
+        """Return the torques (n, 1) [N·m] of the end stops, symbols."""
         import casadi as ca
 
-        if self.arm.mechanism.angle_limits is None:
+        if not self.arm.has_stops:
             return ca.SX.zeros(self.arm.n)
-        low, high = (ca.DM(limit) for limit in self.arm.angle_limits)
-        down = pushed_back(q - high, omega, _STOP**2, 2 * _STOP)
-        up = pushed_back(low - q, -omega, _STOP**2, 2 * _STOP)
-        stopping: SX = ca.DM(self.inertia) * (up - down)
+        low, high = map(ca.DM, self.arm.angle_limits)
+        stopping: SX = stop_torque(q, omega, low, high, ca.DM(self.inertia))
         return stopping
 
     def touch(self, q: "SX", omega: "SX", v: "SX") -> tuple["SX", "SX", "SX"]:

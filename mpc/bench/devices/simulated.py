@@ -1,8 +1,8 @@
 """Simulated device: a plant that moves with the clock, in real time or as fast as the computer can.
 
-It behaves like a joint or an arm on a bench, including the effects of `RealPlant` and `RealArm`. An arm has end stops,
-on which it lies without pressure. The time base is finer than a controller's, so that a command acts from the time at
-which it is written.
+It behaves like a joint or an arm on a bench, including the effects of `RealPlant` and `RealArm`. At the ends of its
+range are end stops, on which it lies without pressure. The time base is finer than a controller's, so that a command
+acts from the time at which it is written.
 """
 
 from dataclasses import replace
@@ -20,18 +20,17 @@ from allocator.machine_file import encoder_zero_in, machine_from
 from allocator.mechanism import Mechanism
 from allocator.units import BAR, DEG
 from mpc.bench.device import Clock, DeviceError, MonotonicClock, Reading
-from mpc.model.arm.model import Arm
 from mpc.model.arm.storage import load_arm
 from mpc.model.compensation import Compensation
 from mpc.model.machine import Machine
 from mpc.model.plant import Plant
 from mpc.model.real import RealPlant, real_of
 from mpc.model.real_experiment import RealExperiment, RealMachine
+from mpc.model.stops import stop_torque
 
 STEP = 1e-3  # of its time base [s]
 _VENTED = 0.0  # [Pa]
 _SENSORS = {"encoder": 0.02 * DEG, "pressure_noise": 0.02 * BAR}  # of a bench
-_STOP = 50.0  # Ω [1/s] of an arm's end stops
 _MOST = 2.0  # [s] longest time that one call simulates: more would take as long again
 
 
@@ -75,6 +74,7 @@ class SimulatedDevice:
         self._x0 = np.concatenate([at, np.zeros(nominal.n), P])
         self._seed, self._measures_pressure = checks.count("seed", seed, least=0), measures_pressure
         self._zero = _row("zero", checks.angle("zero", zero), nominal.n)
+        self._inertias = nominal.inertias
         self._entered = 0
         self.torque: Value = 0.0  # of a weight on the joint [N·m], (n,) of an arm, positive if it pulls θ down
         self._experiment: RealExperiment | None = None
@@ -141,15 +141,12 @@ class SimulatedDevice:
         return experiment
 
     def _stopping(self, x: Array) -> Array:
-        """Return the torques (n,) [N·m] of the end stops of an arm: springs and dampers that only push back."""
+        """Return the torques (n,) [N·m] of the end stops, if there are any."""
         nominal = self.plant.nominal
-        q, omega = x[: nominal.n], x[nominal.n : 2 * nominal.n]
-        depth = q - np.clip(q, *nominal.angle_limits)
-        if not (isinstance(nominal, Arm) and depth.any()):
+        if not nominal.has_stops:
             return np.zeros(nominal.n)
-        inertia = 1 / np.diag(np.linalg.inv(nominal.bodies.mass_matrix(q)))
-        push = inertia * _STOP * (_STOP * depth + 2 * omega)
-        return np.asarray(-push * (push * depth > 0))
+        q, omega, (low, high) = x[: nominal.n], x[nominal.n : 2 * nominal.n], nominal.angle_limits
+        return np.asarray(stop_torque(q, omega, low, high, self._inertias))
 
 
 def _row(name: str, values: Array, size: int) -> Array:

@@ -244,3 +244,14 @@ def test_an_arm_without_pressure_lies_on_its_end_stops():
     assert np.all(lying > low - 5 * DEG)
     assert lying[0] < low[0]
     assert np.abs(device.x[2:4]).max() < 0.01
+
+
+@pytest.mark.parametrize(("stop", "least", "most"), [(0.6, 0.6, 0.65), (None, 0.7, 2.0)])
+def test_a_joint_without_pressure_lies_on_its_end_stop_if_it_has_one(stop, least, most):
+    limits = None if stop is None else (-stop, stop)
+    joint, clock = replace(Plant().joint, angle_limits=limits), SimulatedClock()
+    with SimulatedDevice(Plant(joint, gravity_torque=5.0, hanging_angle=2.0), clock) as device:
+        for t in (2.0, 4.0):
+            clock.sleep_until(t)
+            theta = device.read().theta
+    assert least < theta < most
