@@ -299,6 +299,7 @@ def test_a_board_of_an_arm_has_its_encoders_and_its_valves(arm_board):
     experiment = RealArm(ARM, encoder=1e-4).begin(0.01, arm_at_rest(ARM)[0], 0)
     with SerialDevice(arm_board.port, timeout=PATIENT) as device:
         assert (device.info.joints, device.info.muscles) == (ARM.n, ARM.m) == device.sizes
+        assert device._line.write_timeout == PATIENT  # a pause of this process within a write is no end of the line
         for _ in range(100):
             device.write(*P)
             experiment.advance(P.astype(np.float32))
