@@ -8,7 +8,7 @@ from numba.extending import lower_builtin, type_callable
 
 from allocator.calculus import Array
 from allocator.compilation.cache import keep
-from allocator.compilation.linked import INNER
+from allocator.compilation.linked import INNER, Calling
 
 
 def pick(test: bool, a: float, b: float) -> float:
@@ -27,6 +27,7 @@ KEPT = "antagonist_"  # prefix of modules with cached code; a hash of all their 
 F = TypeVar("F", bound=Callable[..., object])
 _OPTIONS: dict[str, object] = {"error_model": "numpy", "fastmath": {"contract"}}
 
+_OUTER: dict[str, object] = {"pipeline_class": Calling, **_OPTIONS}
 _COUNTED: dict[str, object] = {"_nrt": True}  # references are counted
 _FLAT: dict[str, object] = {"_nrt": False}
 
@@ -56,7 +57,7 @@ def compiled(function: F) -> F:
     therefore cached on disk only for modules that `mpc.codegen.modules` names. Raises an `OSError` if the cache cannot
     be written.
     """
-    made: F = _of_types(njit(**_OPTIONS)(function))
+    made: F = _of_types(njit(**_OUTER)(function))
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 
@@ -77,7 +78,7 @@ def compiled_flat(function: F) -> F:
 
     References to arrays are then not counted, which saves a quarter of the time to compile.
     """
-    made: F = _of_types(njit(**_FLAT, **_OPTIONS)(function))
+    made: F = _of_types(njit(**_FLAT, **_OUTER)(function))
     return keep(made) if function.__module__.startswith(KEPT) else made
 
 

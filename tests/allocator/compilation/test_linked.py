@@ -5,7 +5,7 @@ import pytest
 from numba import config, njit
 from numba.core.codegen import JITCodeLibrary
 
-from allocator.compilation.linked import INNER, Linked
+from allocator.compilation.linked import INNER, Calling, Linked
 
 
 @njit(**INNER)
@@ -60,3 +60,17 @@ def test_inner_functions_are_simplified_at_a_low_level_and_others_as_usual(monke
     assert njit(lambda x: doubled(x) + 1)(3) == 7
     assert levels == {(True, 1), (False, int(config.OPT))}
     assert config.OPT > 1
+
+
+def test_calling_functions_are_optimised_with_superword_parallelism_which_is_off_afterwards(monkeypatch):
+    asked, optimise, before = [], JITCodeLibrary._optimize_final_module, config.SLP_VECTORIZE
+
+    def noted(self):
+        asked.append(config.SLP_VECTORIZE)
+        optimise(self)
+
+    monkeypatch.setattr(JITCodeLibrary, "_optimize_final_module", noted)
+    made = njit(pipeline_class=Calling)(lambda x: total(x) + 1)
+    assert made(3) == 6
+    assert asked == [1]
+    assert config.SLP_VECTORIZE == before
