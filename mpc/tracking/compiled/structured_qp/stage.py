@@ -14,46 +14,53 @@ from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH
 
 
 @merged
+def led(SA: Array, j: int, c0: float, c1: float, c2: float, c3: float) -> float:
+    """Return the column j of the first four lines of SA (6, 6) times c."""
+    return float(c0 * SA[0, j] + c1 * SA[1, j] + c2 * SA[2, j] + c3 * SA[3, j])
+
+
+@merged
 def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) -> None:
-    """Set SA (6, 6) = S 𝔸 and R[k] (2, 6), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, e[k]), where e[k] (2,) is for w."""
+    """Set SA (6, 6) = S 𝔸 and R[k] (2, 6), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, e[k]), where e[k] (2,) is for w.
+
+    Only the upper triangle of S is read: a different lower one would grow from sample to sample.
+    """
     for i in range(6):
-        s0, s1, s2, s3 = S[i, 0], S[i, 1], S[i, 2], S[i, 3]
+        for j in range(i):
+            S[i, j] = S[j, i]
+        s0, s1, s2, s3, s4, s5 = S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5]
         t0 = s0 * A[k, 0, 0] + s1 * A[k, 1, 0] + s2 * A[k, 2, 0] + s3 * A[k, 3, 0]
         t1 = s0 * A[k, 0, 1] + s1 * A[k, 1, 1] + s2 * A[k, 2, 1] + s3 * A[k, 3, 1]
         t2 = s0 * A[k, 0, 2] + s1 * A[k, 1, 2] + s2 * A[k, 2, 2] + s3 * A[k, 3, 2]
         t3 = s0 * A[k, 0, 3] + s1 * A[k, 1, 3] + s2 * A[k, 2, 3] + s3 * A[k, 3, 3]
-        t4 = S[i, 4] + s0 * B[k, 0, 0] + s1 * B[k, 1, 0] + s2 * B[k, 2, 0] + s3 * B[k, 3, 0]
-        t5 = S[i, 5] + s0 * B[k, 0, 1] + s1 * B[k, 1, 1] + s2 * B[k, 2, 1] + s3 * B[k, 3, 1]
+        t4 = s4 + s0 * B[k, 0, 0] + s1 * B[k, 1, 0] + s2 * B[k, 2, 0] + s3 * B[k, 3, 0]
+        t5 = s5 + s0 * B[k, 0, 1] + s1 * B[k, 1, 1] + s2 * B[k, 2, 1] + s3 * B[k, 3, 1]
         SA[i, 0], SA[i, 1], SA[i, 2], SA[i, 3], SA[i, 4], SA[i, 5] = t0, t1, t2, t3, t4, t5
     for i in range(2):
         b0, b1, b2, b3 = B[k, 0, i], B[k, 1, i], B[k, 2, i], B[k, 3, i]
         for j in range(6):
-            R[k, i, j] = SA[4 + i, j] + b0 * SA[0, j] + b1 * SA[1, j] + b2 * SA[2, j] + b3 * SA[3, j]
-        R[k, i, 4 + i] += e[k, i]
+            R[k, i, j] = SA[4 + i, j] + led(SA, j, b0, b1, b2, b3) + (e[k, i] if j == 4 + i else 0.0)
 
 
 @merged
 def decided(A: Array, B: Array, k: int, SA: Array, R: Array, D: Array, F: Array, held: Signs, S: Array) -> None:
-    """Set S to the cost-to-go after v is chosen by the feedback F[k] (2, …): M + R[k]ᵀ F[k], and the terms of held
-    commands.
+    """Set the upper triangle of S to the cost-to-go after v is chosen by the feedback F[k] (2, …): M + R[k]ᵀ F[k], and
+    the terms of held commands.
     """
-    for i in range(6):
-        r0, r1 = R[k, 0, i], R[k, 1, i]
-        if i < 4:
-            a0, a1, a2, a3 = A[k, 0, i], A[k, 1, i], A[k, 2, i], A[k, 3, i]
-            for j in range(i, 6):
-                M = a0 * SA[0, j] + a1 * SA[1, j] + a2 * SA[2, j] + a3 * SA[3, j]
-                S[i, j] = M + r0 * F[k, 0, j] + r1 * F[k, 1, j]
-        else:
-            for j in range(i, 6):
-                S[i, j] = R[k, i - 4, j] + r0 * F[k, 0, j] + r1 * F[k, 1, j]
+    for i in range(4):
+        a0, a1, a2, a3, r0, r1 = A[k, 0, i], A[k, 1, i], A[k, 2, i], A[k, 3, i], R[k, 0, i], R[k, 1, i]
+        t0 = led(SA, 0, a0, a1, a2, a3) + r0 * F[k, 0, 0] + r1 * F[k, 1, 0]
+        t1 = led(SA, 1, a0, a1, a2, a3) + r0 * F[k, 0, 1] + r1 * F[k, 1, 1]
+        t2 = led(SA, 2, a0, a1, a2, a3) + r0 * F[k, 0, 2] + r1 * F[k, 1, 2]
+        t3 = led(SA, 3, a0, a1, a2, a3) + r0 * F[k, 0, 3] + r1 * F[k, 1, 3]
+        t4 = led(SA, 4, a0, a1, a2, a3) + r0 * F[k, 0, 4] + r1 * F[k, 1, 4]
+        t5 = led(SA, 5, a0, a1, a2, a3) + r0 * F[k, 0, 5] + r1 * F[k, 1, 5]
+        S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5] = t0, t1, t2, t3, t4, t5
     for i in range(2):
-        if abs(held[k, i]) == HIGH:
-            for j in range(4 + i, 6):
+        for j in range(4 + i, 6):
+            S[4 + i, j] = R[k, i, j] + R[k, 0, 4 + i] * F[k, 0, j] + R[k, 1, 4 + i] * F[k, 1, j]
+            if abs(held[k, i]) == HIGH:
                 S[4 + i, j] -= R[k, i, j] + D[k, i] * F[k, 0, j] + D[k, 1 + i] * F[k, 1, j]
-    for i in range(6):
-        for j in range(i):  # asymmetric rounding would grow from sample to sample
-            S[i, j] = S[j, i]
 
 
 @merged
@@ -82,20 +89,21 @@ def advance(A: Array, B: Array, k: int, xi: Array) -> None:
 @merged
 def charge_square(S: Array, slope: Array, k: int, m: int, w: float) -> None:
     """Add w c cᵀ to S (6, 6), c = (`slope`[k, m] (4,), 0)."""
+    c0, c1, c2, c3 = slope[k, m, 0], slope[k, m, 1], slope[k, m, 2], slope[k, m, 3]
     for i in range(4):
         c = w * slope[k, m, i]
-        for j in range(4):
-            S[i, j] += c * slope[k, m, j]
+        t0, t1, t2, t3 = S[i, 0] + c * c0, S[i, 1] + c * c1, S[i, 2] + c * c2, S[i, 3] + c * c3
+        S[i, 0], S[i, 1], S[i, 2], S[i, 3] = t0, t1, t2, t3
 
 
 @merged
 def charge_state(S: Array, slope: Array, k: int, cost: Cost) -> None:
     """Add the cost of a state's squared errors to S (6, 6)."""
-    for i in range(4):
-        S[i, i] += cost.x[i]
     for m in range(3):
         if cost.y[m] != 0.0:
             charge_square(S, slope, k, m, cost.y[m])
+    for i in range(4):
+        S[i, i] += cost.x[i]
 
 
 @merged
@@ -186,32 +194,35 @@ def led_back(R: Array, D: Array, g: Array, feedback: Array, held: Signs, k: int,
 
 @merged
 def choose(
-    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, feedback: Array
+    R: Array, charge: Array, D: Array, g: Array, v: Array, held: Signs, k: int, inverse: Array, F: Array
 ) -> None:
-    """Set D, its inverse and the feedback (2, 7) of stage `k`, D v + R ξ + g = 0 for the free inputs; held ones are v,
-    or v - w if their command is held; charge[k] (2,) of the changes.
+    """Set D, its inverse and the feedback F[k] (2, 7), D v + R ξ + g = 0 for the free inputs; held ones are v, or v - w
+    if their command is held; charge[k] (2,) of the changes.
     """
     D[k, 0], D[k, 1], D[k, 2] = R[k, 0, 4] + charge[k, 0], R[k, 0, 5], R[k, 1, 5] + charge[k, 1]
     a, b, c = 0.0, 0.0, 0.0  # of the inverse of D, negative
-    c0, c1 = g[k, 0], g[k, 1]
+    g0, g1 = g[k, 0], g[k, 1]
     if held[k, 0] == FREE and held[k, 1] == FREE:
         det = D[k, 0] * D[k, 2] - D[k, 1] * D[k, 1]
         a, b, c = -D[k, 2] / det, D[k, 1] / det, -D[k, 0] / det
     elif held[k, 0] == FREE:
         a = -1.0 / D[k, 0]
-        c0 += D[k, 1] * v[k, 1]
+        g0 += D[k, 1] * v[k, 1]
     elif held[k, 1] == FREE:
         c = -1.0 / D[k, 2]
-        c1 += D[k, 1] * v[k, 0]
+        g1 += D[k, 1] * v[k, 0]
     inverse[k, 0], inverse[k, 1], inverse[k, 2] = -a, -b, -c
-    for j in range(6):
-        feedback[k, 0, j] = a * R[k, 0, j] + b * R[k, 1, j]
-        feedback[k, 1, j] = b * R[k, 0, j] + c * R[k, 1, j]
-    feedback[k, 0, 6] = a * c0 + b * c1 if held[k, 0] == FREE else v[k, 0]
-    feedback[k, 1, 6] = b * c0 + c * c1 if held[k, 1] == FREE else v[k, 1]
+    for i in range(2):
+        c0, c1 = a if i == 0 else b, b if i == 0 else c
+        t0, t1 = c0 * R[k, 0, 0] + c1 * R[k, 1, 0], c0 * R[k, 0, 1] + c1 * R[k, 1, 1]
+        t2, t3 = c0 * R[k, 0, 2] + c1 * R[k, 1, 2], c0 * R[k, 0, 3] + c1 * R[k, 1, 3]
+        t4, t5 = c0 * R[k, 0, 4] + c1 * R[k, 1, 4], c0 * R[k, 0, 5] + c1 * R[k, 1, 5]
+        F[k, i, 0], F[k, i, 1], F[k, i, 2], F[k, i, 3], F[k, i, 4], F[k, i, 5] = t0, t1, t2, t3, t4, t5
+    F[k, 0, 6] = a * g0 + b * g1 if held[k, 0] == FREE else v[k, 0]
+    F[k, 1, 6] = b * g0 + c * g1 if held[k, 1] == FREE else v[k, 1]
     if abs(held[k, 0]) == HIGH:
-        feedback[k, 0, 4] = -1.0
-        feedback[k, 1, 4] -= c * D[k, 1]
+        F[k, 0, 4] = -1.0
+        F[k, 1, 4] -= c * D[k, 1]
     if abs(held[k, 1]) == HIGH:
-        feedback[k, 1, 5] = -1.0
-        feedback[k, 0, 5] -= a * D[k, 1]
+        F[k, 1, 5] = -1.0
+        F[k, 0, 5] -= a * D[k, 1]
