@@ -18,14 +18,16 @@ from mpc.tracking.compiled.commands import HUGE
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.active import Active
 from mpc.tracking.compiled.structured_qp.barrier_limits import (
-    changes,
     charge,
+    charge_row,
     distance,
     is_limit,
-    pushed_back,
+    moved_on,
     row_of,
+    shortened,
     side_of,
     slackened,
+    weighed,
 )
 from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients, soften
 from mpc.tracking.compiled.structured_qp.responses import Items, set_limit, slack_of, width
@@ -188,15 +190,20 @@ def weigh(
     for j in range(4):
         items.step[j] = 0.0
     for k in range(at.v.shape[0]):
-        for line in range(lines):
+        for line in range(SIDES):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
-                    weight = items.r[line, k, i] / items.z[line, k, i]
-                    push = pushed_back(items, product, distance(path, setting, bounded, at, line, k, i), line, k, i)
-                    charge(path, sweep, items.p, line, k, i, weight, push)
-                    if line >= SIDES:
-                        items.step[slack_of(row_of(line, i))] += push
-                        items.step[2 + slack_of(row_of(line, i))] += weight
+                    away = distance(path, setting, bounded, at, line, k, i)
+                    weight, push = weighed(items, product, away, line, k, i)
+                    charge(sweep, line, k, i, weight, push)
+        for line in range(SIDES, lines):
+            for i in range(NU):
+                if is_limit(sweep, line, k, i):
+                    away, kind = distance(path, setting, bounded, at, line, k, i), row_of(line, i)
+                    weight, push = weighed(items, product, away, line, k, i)
+                    charge_row(path, sweep, kind, k, weight, push)
+                    items.step[slack_of(kind)] += push
+                    items.step[2 + slack_of(kind)] += weight
 
 
 @inlined_flat
@@ -206,39 +213,39 @@ def moved(
     """Shorten the step to keep distances and multipliers positive; return the mean of their products then, and the
     share of the step.
     """
-    t, multiplier, whole, dual, total, number = items.z, items.r, 1.0 / KEPT, 1.0 / KEPT, 0.0, 0
-    N = at.v.shape[0]
-    for k in range(N + 1 if lines == LIMIT_LINES else N):
-        for line in range(lines):
+    N, nearer, less, total, number = at.v.shape[0], KEPT, KEPT, 0.0, 0
+    for k in range(N):
+        most, most_dual = KEPT, KEPT  # of one sample: a single chain over all would be slower
+        for line in range(LIMIT_LINES):
             for i in range(NU):
-                if is_limit(sweep, line, k, i):
-                    farther, more = changes(path, setting, bounded, product, at, items, line, k, i)
-                    whole = until(whole, t[line, k, i], farther)
-                    dual = until(dual, t[line, k, i] * multiplier[line, k, i], more)
-    whole, dual = KEPT * whole, KEPT * dual
-    for k in range(N + 1 if lines == LIMIT_LINES else N):
-        for line in range(lines):
+                if line < lines and is_limit(sweep, line, k, i):
+                    away = distance(path, setting, bounded, at, line, k, i)
+                    near, low = shortened(items, product, away, line, k, i)
+                    most, most_dual = max(most, near), max(most_dual, low)
+        nearer, less = max(nearer, most), max(less, most_dual)
+    for j in range(2 if lines == LIMIT_LINES else 0):
+        near, low = shortened(items, product, at.sigma[j], 0, N, j)
+        nearer, less = max(nearer, near), max(less, low)
+    whole, dual = KEPT / nearer, KEPT / less
+    for k in range(N):
+        products = 0.0
+        for line in range(LIMIT_LINES):
             for i in range(NU):
-                if is_limit(sweep, line, k, i):
-                    farther, more = changes(path, setting, bounded, product, at, items, line, k, i)
-                    multiplier[line, k, i] += dual * more / t[line, k, i]
-                    t[line, k, i] += whole * farther
-                    total += t[line, k, i] * multiplier[line, k, i]
+                if line < lines and is_limit(sweep, line, k, i):
+                    away = distance(path, setting, bounded, at, line, k, i)
+                    products += moved_on(items, product, away, whole, dual, line, k, i)
                     number += 1
+        total += products
+    for j in range(2 if lines == LIMIT_LINES else 0):  # the slacks, σ ≥ 0
+        total += moved_on(items, product, at.sigma[j], whole, dual, 0, N, j)
+        at.sigma[j] = items.z[0, N, j]
+        number += 1
     for k in range(N):
         for i in range(NU):
             at.v[k, i] -= (1.0 - whole) * sweep.v[k, i]
         for i in range(NXI):
             at.xi[k + 1, i] -= (1.0 - whole) * sweep.xi[k + 1, i]
-    if lines == LIMIT_LINES:
-        at.sigma[0], at.sigma[1] = t[0, N, 0], t[0, N, 1]  # of the slacks, σ ≥ 0
     return total / max(number, 1), min(whole, dual)
-
-
-@inlined_flat
-def until(share: float, value: float, change: float) -> float:
-    """Return the share of a `change` that takes a positive `value` to 0, if it is less than `share`."""
-    return -value / change if value + share * change < 0.0 else share
 
 
 @inlined_flat

@@ -18,7 +18,7 @@ for both slacks together. While its rows weigh little against its own terms, y i
 """
 
 from allocator.calculus import Array
-from mpc.codegen.jit import inlined, inlined_flat
+from mpc.codegen.jit import inlined, inlined_flat, merged
 from mpc.tracking.compiled.records import Bounded, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.responses import Items, row_push, row_side, row_value, slack_of
 from mpc.tracking.compiled.structured_qp.riccati import Sweep
@@ -90,8 +90,8 @@ def follow(path: Path, s0: float, s1: float, at: Point, sweep: Sweep, items: Ite
 def by_slack(setting: Setting, product: float, at: Point, items: Items, j: int) -> tuple[float, float]:
     """Return the gradient by the slack j without its rows, and its own curvature."""
     N, rho, square = at.v.shape[0], setting.slack[2 * j], setting.slack[2 * j + 1]
-    push = pushed_back(items, product, at.sigma[j], 0, N, j)
-    return rho + square * at.sigma[j] - push, square + items.r[0, N, j] / items.z[0, N, j]
+    weight, push = weighed(items, product, at.sigma[j], 0, N, j)
+    return rho + square * at.sigma[j] - push, square + weight
 
 
 @inlined_flat
@@ -141,38 +141,59 @@ def side_of(line: int) -> int:
     return above if line == 1 or line == 3 else below
 
 
-@inlined_flat
+@merged
 def is_limit(sweep: Sweep, line: int, k: int, i: int) -> bool:
     """Return whether a place in the arrays belongs to a limit."""
-    if k == sweep.v.shape[0]:
-        return line == 0 and i < 2
     if line < SIDES:
         return bool(sweep.held[k, i] == FREE)
     return row_of(line, i) < ALL
 
 
-@inlined_flat
+@merged
 def distance(path: Path, setting: Setting, bounded: Bounded, at: Point, line: int, k: int, i: int) -> float:
     """Return the distance from a limit; negative beyond it."""
-    if k == at.v.shape[0]:
-        return float(at.sigma[i])
     if line >= SIDES:
         kind = row_of(line, i)
-        return float(
-            row_side(path, setting.bounds, k, kind) + at.sigma[slack_of(kind)] - row_value(path.slope, k, kind, at.xi)
-        )
+        away = row_side(path, setting.bounds, k, kind) - row_value(path.slope, k, kind, at.xi)
+        return float(away + at.sigma[slack_of(kind)])
     v, w = at.v[k, i], at.xi[k + 1, NX + i]
     if line < 2:
         return float(v - bounded.lower[k, i] if line == 0 else bounded.upper[k, i] - v)
     return float(w - bounded.low[k, i] if line == 2 else bounded.high[k, i] - w)
 
 
-@inlined_flat
-def charge(path: Path, sweep: Sweep, p: Array, line: int, k: int, i: int, weight: float, push: float) -> None:
-    """Add the curvature of a limit to the charges of the sweep, and its push to the gradients."""
-    if line >= SIDES:
-        charge_row(path, sweep, p, row_of(line, i), k, weight, push)
-        return
+@merged
+def weighed(items: Items, product: float, away: float, line: int, k: int, i: int) -> tuple[float, float]:
+    """Return the curvature λ/t of a limit at the distance `away`, and its push, where products t λ shall be
+    `product`.
+    """
+    t = items.z[line, k, i]
+    share = 1.0 / t
+    weight = items.r[line, k, i] * share
+    return float(weight), float(product * share + weight * (t - away))
+
+
+@merged
+def shortened(items: Items, product: float, away: float, line: int, k: int, i: int) -> tuple[float, float]:
+    """Return by how much more than a distance the whole step takes it back, and a multiplier; -Δt/t and -Δλ/λ."""
+    t, near = items.z[line, k, i], away / items.z[line, k, i]
+    return float(1.0 - near), float(near - product / (t * items.r[line, k, i]))
+
+
+@merged
+def moved_on(
+    items: Items, product: float, away: float, whole: float, dual: float, line: int, k: int, i: int
+) -> float:  # fmt: skip
+    """Move a distance and a multiplier by these shares of their steps, and return their product then."""
+    t, multiplier = items.z[line, k, i], items.r[line, k, i]
+    items.z[line, k, i] = t + whole * (away - t)
+    items.r[line, k, i] = multiplier + dual * ((product - multiplier * away) / t)
+    return float(items.z[line, k, i] * items.r[line, k, i])
+
+
+@merged
+def charge(sweep: Sweep, line: int, k: int, i: int, weight: float, push: float) -> None:
+    """Add the curvature of a slew or supply to the charges of the sweep, and its push to the gradients."""
     push = -push if line == 0 or line == 2 else push
     if line < 2:
         sweep.change[k, i] += weight
@@ -183,30 +204,10 @@ def charge(path: Path, sweep: Sweep, p: Array, line: int, k: int, i: int, weight
 
 
 @inlined_flat
-def charge_row(path: Path, sweep: Sweep, p: Array, kind: int, k: int, weight: float, push: float) -> None:
+def charge_row(path: Path, sweep: Sweep, kind: int, k: int, weight: float, push: float) -> None:
     """Do so for a soft row."""
     place = JOINTS + kind - FORCE
     if kind < FORCE:
         place = kind - RANGE if kind < RANGE + JOINTS else kind - RANGE - JOINTS
     sweep.rows[k + 1, place] += weight
-    for j in range(NXI):
-        p[j] = 0.0
-    row_push(path.slope, k, kind, push, p)
-    for j in range(NXI):
-        sweep.gx[k + 1, j] += p[j]
-
-
-@inlined_flat
-def pushed_back(items: Items, product: float, away: float, line: int, k: int, i: int) -> float:
-    """Return the push of a limit at the distance `away`, where products t λ shall be `product`."""
-    t, multiplier = items.z[line, k, i], items.r[line, k, i]
-    return float((product + multiplier * (t - away)) / t)
-
-
-@inlined_flat
-def changes(
-    path: Path, setting: Setting, bounded: Bounded, product: float, at: Point, items: Items, line: int, k: int, i: int
-) -> tuple[float, float]:  # fmt: skip
-    """Return Δt and t Δλ of a limit, with the point where the whole step ends."""
-    away = distance(path, setting, bounded, at, line, k, i)
-    return away - items.z[line, k, i], product - items.r[line, k, i] * away
+    row_push(path.slope, k, kind, push, sweep.gx[k + 1])

@@ -36,15 +36,11 @@ def lagrangian(path: Path, errors: Errors, setting: Setting, size: int, at: Poin
 @inlined_flat
 def pushed(path: Path, q: int, items: Items, sweep: Sweep) -> None:
     """Add the multiplier of the item `q` to the gradient of the Lagrangian."""
-    k, i, kind, multiplier, p = items.sample[q], items.muscle[q], items.kind[q], items.multiplier[q], items.p
+    k, i, kind, multiplier = items.sample[q], items.muscle[q], items.kind[q], items.multiplier[q]
     if k >= sweep.gv.shape[0]:
         return
     if kind >= RANGE:
-        for j in range(NXI):
-            p[j] = 0.0
-        row_push(path.slope, k, kind, multiplier, p)
-        for j in range(NXI):
-            sweep.gx[k + 1, j] += p[j]
+        row_push(path.slope, k, kind, multiplier, sweep.gx[k + 1])
     elif kind == SUPPLY:
         sweep.gx[k + 1, NX + i] += items.side[q] * multiplier
     elif kind == BOUND:
