@@ -1,7 +1,7 @@
 """Solution of the QP along a path, with its proof: a sweep, and an exchange of the limits that it holds wrongly.
 
 The sweep begins with the limits of the last QP. If these are far from right, or wrong in many places, or an exchange
-takes long, a barrier chooses others.
+has fewer turns left than it needs for what is still violated, a barrier chooses others.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from mpc.tracking.compiled.commands import HUGE, change_bounds, deviations, new_
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Reference, Setting, Signs
 from mpc.tracking.compiled.structured_qp.active import Active, new_active
 from mpc.tracking.compiled.structured_qp.barrier import guessed
-from mpc.tracking.compiled.structured_qp.exchange import based, exchanged
+from mpc.tracking.compiled.structured_qp.exchange import AWAY, based, exchanged
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, take_charges, take_set
 from mpc.tracking.compiled.structured_qp.sizes import FREE, NU, NX, NXI
 from mpc.tracking.compiled.structured_qp.stage import curvature
@@ -20,7 +20,7 @@ from mpc.tracking.compiled.structured_qp.stage import curvature
 MOST = 16  # exchanges per decision, at most
 PATIENCE = 16  # exchanges, before the barrier chooses another set
 FAR = 10.0  # [bar] beyond a limit: with a change so far, it does at once; noise takes a set less far
-MANY, AWAY = 7, 1e-3  # runs of changes, and [bar] beyond a limit: with so many, it does at once as well
+MANY = 7  # runs of changes beyond a limit: with so many, it does at once as well
 CLOSE = 1.0  # [bar] beyond a limit: with no change farther, the barrier resumes from the last set
 
 
