@@ -20,9 +20,10 @@ from mpc.tracking.compiled.structured_qp.responses import (
 )
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, end_of, within
 from mpc.tracking.compiled.structured_qp.sizes import BOUND, FREE, GONE, HIGH, LOWER, NU, NX, NXI, RANGE, SPARE, UPPER
-from mpc.tracking.compiled.structured_qp.stage import advance
+from mpc.tracking.compiled.structured_qp.stage import advance, curvature
 
 FLAT = 1e-10  # [-] of its terms: less counts as no slope
+AWAY = 1e-3  # [bar] beyond a limit: less does not count
 
 
 class Active(NamedTuple):
@@ -217,3 +218,24 @@ def end(path: Path, bounded: Bounded, size: int, at: Point, sweep: Sweep, a: Act
         advance(path.A, path.B, k, at.xi)
     for i in range(2):
         at.sigma[i] = max(a.z[N, i], 0.0)
+
+
+@inlined_flat
+def astray(bounded: Bounded, held: Signs, sweep: Sweep, at: Point, r: Array) -> tuple[float, int]:
+    """Return how far at most a free change is beyond its limits or a held one pushed away from them [bar], and how many
+    runs of such changes there are: a few exchanges often correct a whole run.
+    """
+    furthest, runs = 0.0, 0
+    for i in range(NU):
+        before = 0
+        for k in range(at.v.shape[0]):
+            v, w, side = at.v[k, i], at.xi[k + 1, NX + i], held[k, i]
+            push = (1.0 if side > 0 else -1.0) * r[k, i] / curvature(sweep.D, k, i) if side != FREE else 0.0
+            beyond = max(max(bounded.lower[k, i] - v, v - bounded.upper[k, i]), push)
+            beyond = max(max(bounded.low[k, i] - w, w - bounded.high[k, i]), beyond)
+            beyond = beyond if bounded.lower[k, i] < bounded.upper[k, i] else 0.0
+            furthest = max(furthest, beyond)
+            wrong = 1 if beyond > AWAY else 0
+            runs += wrong * (1 - before)
+            before = wrong
+    return furthest, runs

@@ -23,11 +23,11 @@ from mpc.tracking.compiled.structured_qp.barrier_limits import (
     distance,
     is_limit,
     moved_on,
+    pushed_back,
     row_of,
     shortened,
     side_of,
     slackened,
-    weighed,
 )
 from mpc.tracking.compiled.structured_qp.certificate import adjoint, gradients, soften
 from mpc.tracking.compiled.structured_qp.responses import Items, set_limit, slack_of, width
@@ -162,14 +162,13 @@ def placed(
     sweep: Sweep, items: Items
 ) -> None:  # fmt: skip
     """Set the distances of the lines from `first_line` on, at least so far that a step can be long, and the multipliers
-    that give this product with them. The slacks of soft rows that join later are those of the central path, with ρ as
-    their multipliers, or the least ones.
+    that give this product with them. Slacks are those of the central path, with ρ as their multipliers, or the least
+    ones.
     """
     soften(path, setting, at)
     N = at.v.shape[0]
     for j in range(2):
-        least = 2.0 * width(FORCE if j == 1 else RANGE) if first_line == 0 else product / setting.slack[2 * j]
-        at.sigma[j] = max(at.sigma[j], least)
+        at.sigma[j] = max(at.sigma[j], product / setting.slack[2 * j])
         items.z[0, N, j], items.r[0, N, j] = at.sigma[j], product / at.sigma[j]
     for k in range(N):
         for line in range(first_line, lines):
@@ -193,14 +192,16 @@ def weigh(
         for line in range(SIDES):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
+                    weight = items.r[line, k, i] / items.z[line, k, i]
                     away = distance(path, setting, bounded, at, line, k, i)
-                    weight, push = weighed(items, product, away, line, k, i)
+                    push = pushed_back(items, product, weight, away, line, k, i)
                     charge(sweep, line, k, i, weight, push)
         for line in range(SIDES, lines):
             for i in range(NU):
                 if is_limit(sweep, line, k, i):
-                    away, kind = distance(path, setting, bounded, at, line, k, i), row_of(line, i)
-                    weight, push = weighed(items, product, away, line, k, i)
+                    weight, kind = items.r[line, k, i] / items.z[line, k, i], row_of(line, i)
+                    away = distance(path, setting, bounded, at, line, k, i)
+                    push = pushed_back(items, product, weight, away, line, k, i)
                     charge_row(path, sweep, kind, k, weight, push)
                     items.step[slack_of(kind)] += push
                     items.step[2 + slack_of(kind)] += weight
@@ -237,9 +238,8 @@ def moved(
                     number += 1
         total += products
     for j in range(2 if lines == LIMIT_LINES else 0):  # the slacks, σ ≥ 0
-        total += moved_on(items, product, at.sigma[j], whole, dual, 0, N, j)
+        moved_on(items, product, at.sigma[j], whole, dual, 0, N, j)
         at.sigma[j] = items.z[0, N, j]
-        number += 1
     for k in range(N):
         for i in range(NU):
             at.v[k, i] -= (1.0 - whole) * sweep.v[k, i]

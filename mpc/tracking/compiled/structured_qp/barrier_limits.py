@@ -90,8 +90,8 @@ def follow(path: Path, s0: float, s1: float, at: Point, sweep: Sweep, items: Ite
 def by_slack(setting: Setting, product: float, at: Point, items: Items, j: int) -> tuple[float, float]:
     """Return the gradient by the slack j without its rows, and its own curvature."""
     N, rho, square = at.v.shape[0], setting.slack[2 * j], setting.slack[2 * j + 1]
-    weight, push = weighed(items, product, at.sigma[j], 0, N, j)
-    return rho + square * at.sigma[j] - push, square + weight
+    weight = items.r[0, N, j] / items.z[0, N, j]
+    return rho + square * at.sigma[j] - pushed_back(items, product, weight, at.sigma[j], 0, N, j), square + weight
 
 
 @inlined_flat
@@ -163,14 +163,10 @@ def distance(path: Path, setting: Setting, bounded: Bounded, at: Point, line: in
 
 
 @merged
-def weighed(items: Items, product: float, away: float, line: int, k: int, i: int) -> tuple[float, float]:
-    """Return the curvature λ/t of a limit at the distance `away`, and its push, where products t λ shall be
-    `product`.
-    """
+def pushed_back(items: Items, product: float, weight: float, away: float, line: int, k: int, i: int) -> float:
+    """Return the push of a limit of curvature `weight` and at the distance `away`; its t λ shall be `product`."""
     t = items.z[line, k, i]
-    share = 1.0 / t
-    weight = items.r[line, k, i] * share
-    return float(weight), float(product * share + weight * (t - away))
+    return float(product / t + weight * (t - away))
 
 
 @merged

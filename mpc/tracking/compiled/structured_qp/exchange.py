@@ -19,6 +19,7 @@ from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Setting
 from mpc.tracking.compiled.structured_qp.active import (
     FLAT,
     Active,
+    astray,
     direct,
     drop,
     end,
@@ -64,7 +65,6 @@ AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 REAL = 1e-6  # [-] of the multiplier of an item: a smaller change of another one is rounding
 EACH = 3  # exchanges that a run of violated bounds takes, about; with fewer left, another search follows
-AWAY = 1e-3  # [bar] beyond a limit, where it counts
 ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
 
@@ -155,10 +155,12 @@ def exchanged(
             if left >= 0:
                 size, exact = left, False
                 continue
-            violation, runs = most_broken(path, setting, bounded, size, at, a)
-            if not final and EACH * runs > limit - step:
-                taken = step
-                break
+            violation = most_broken(path, setting, bounded, size, at, a)
+            if not final:
+                _, runs = astray(bounded, a.held, sweep, at, a.r)
+                if EACH * runs > limit - step:
+                    taken = step
+                    break
             items.multiplier[last] = 0.0
             again = 0.0 < violation < ROUNDED * BREAKS and not exact
             if again:
@@ -297,17 +299,15 @@ def let_go(path: Path, setting: Setting, bounded: Bounded, size: int, sweep: Swe
 
 
 @inlined_flat
-def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: Point, a: Active) -> tuple[float, int]:
-    """Set the entering item to the most violated bound, or row if there is none; return the violation, 0.0 without
-    any, and how many runs of violated bounds there are.
+def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: Point, a: Active) -> float:
+    """Set the entering item to the most violated bound, or row if there is none, and return the violation, 0.0 without
+    any.
     """
-    N, worst, violation, runs, items = path.A.shape[0], 0.0, 0.0, 0, a.items
+    N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
     last = items.kind.size - 1
     lead_on(path, at, a)
-    for i in range(NU):
-        before = 0
-        for k in range(N + 1):
-            wrong = 0
+    for k in range(N + 1):
+        for i in range(NU):
             for kind in range(BOUND, RANGE):
                 if not bounded.lower[k, i] < bounded.upper[k, i] or (kind == SUPPLY and k == N):
                     continue
@@ -315,16 +315,13 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
                 below = (bounded.low[k, i] if kind == SUPPLY else bounded.lower[k, i]) - v
                 above = v - (bounded.high[k, i] if kind == SUPPLY else bounded.upper[k, i])
                 broken, wide = max(below, above), width(kind)
-                wrong = 1 if broken > AWAY else wrong
                 if not broken > max(worst * wide, BREAKS) or abs(a.held[k, i]) == (UPPER if kind == BOUND else HIGH):
                     continue
                 if find_item(kind, k, i, size, items) < 0:
                     violation, worst = broken, broken / wide
                     set_limit(last, kind, k, i, -1 if below > above else 1, items)
-            runs += wrong * (1 - before)
-            before = wrong
     if violation > 0.0:
-        return violation, runs
+        return violation
     for k in range(N):
         for kind in range(RANGE, ALL):
             broken, wide = row_value(path.slope, k, kind, at.xi) - row_side(path, setting.bounds, k, kind), width(kind)
@@ -332,7 +329,7 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
             if broken > max(worst * wide, ROW_BREAKS) and find_item(kind, k, 0, size, items) < 0:
                 violation, worst = broken, broken / wide
                 set_limit(last, kind, k, 0, 1, items)
-    return violation, runs
+    return violation
 
 
 @inlined

@@ -133,8 +133,7 @@ def backward(path: Path, cost: Cost, bounded: Bounded, at: Point, sweep: Sweep) 
         linear_before(s, path.A, path.B, k)
         for i in range(NU):
             g[k, i] = s[NX + i] + sweep.gv[k, i]
-            if sweep.held[k, i] != FREE:
-                hold(bounded, at, sweep, k, i)
+            hold(bounded, at, sweep, k, i)
         choose(R, sweep.change, D, g, sweep.v, sweep.held, k, sweep.inverse, feedback)
         decided(path.A, path.B, k, SA, R, D, feedback, sweep.held, S)
         led_back(R, D, g, feedback, sweep.held, k, s)

@@ -7,15 +7,14 @@ has fewer turns left than it needs for what is still violated, a barrier chooses
 import numpy as np
 
 from allocator.calculus import Array
-from mpc.codegen.jit import inlined, inlined_flat
+from mpc.codegen.jit import inlined
 from mpc.tracking.compiled.commands import HUGE, change_bounds, deviations, new_bounded, new_errors
 from mpc.tracking.compiled.records import Bounded, Errors, Path, Point, Reference, Setting, Signs
-from mpc.tracking.compiled.structured_qp.active import Active, new_active
+from mpc.tracking.compiled.structured_qp.active import Active, astray, new_active
 from mpc.tracking.compiled.structured_qp.barrier import guessed
-from mpc.tracking.compiled.structured_qp.exchange import AWAY, based, exchanged
+from mpc.tracking.compiled.structured_qp.exchange import based, exchanged
 from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_sweep, take_charges, take_set
-from mpc.tracking.compiled.structured_qp.sizes import FREE, NU, NX, NXI
-from mpc.tracking.compiled.structured_qp.stage import curvature
+from mpc.tracking.compiled.structured_qp.sizes import NU, NXI
 
 MOST = 16  # exchanges per decision, at most
 PATIENCE = 16  # exchanges, before the barrier chooses another set
@@ -60,7 +59,7 @@ def solve(
     take_set(setting.starts, guess, sweep.held)
     take_charges(setting.cost, sweep)
     size = based(path, errors, setting, bounded, 0, at, sweep, a)
-    furthest, runs = astray(bounded, sweep, at, a.r)
+    furthest, runs = astray(bounded, sweep.held, sweep, at, a.r)
     if limit == 0 or (furthest < FAR and runs < MANY):
         first, final = min(PATIENCE, limit), limit <= PATIENCE
         solved, exchanges, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, first, final)
@@ -72,24 +71,3 @@ def solve(
     if solved:
         give_set(setting.starts, a.guess, guess)
     return solved, exchanges, gap
-
-
-@inlined_flat
-def astray(bounded: Bounded, sweep: Sweep, at: Point, r: Array) -> tuple[float, int]:
-    """Return how far at most a free change is beyond its limits or a held one pushed away from them [bar], and how many
-    runs of such changes there are: a few exchanges often correct a whole run.
-    """
-    furthest, runs = 0.0, 0
-    for i in range(NU):
-        before = 0
-        for k in range(at.v.shape[0]):
-            v, w, held = at.v[k, i], at.xi[k + 1, NX + i], sweep.held[k, i]
-            push = (1.0 if held > 0 else -1.0) * r[k, i] / curvature(sweep.D, k, i) if held != FREE else 0.0
-            beyond = max(max(bounded.lower[k, i] - v, v - bounded.upper[k, i]), push)
-            beyond = max(max(bounded.low[k, i] - w, w - bounded.high[k, i]), beyond)
-            beyond = beyond if bounded.lower[k, i] < bounded.upper[k, i] else 0.0
-            furthest = max(furthest, beyond)
-            wrong = 1 if beyond > AWAY else 0
-            runs += wrong * (1 - before)
-            before = wrong
-    return furthest, runs
