@@ -71,7 +71,7 @@ class _Unset:
 
 
 class OnlyLinked(Compiler):  # type: ignore[misc]
-    """Compiler for numba's `pipeline_class`."""
+    """Compiler of functions that only compiled ones call, for numba's `pipeline_class`."""
 
     kind: type = Linked
 
@@ -84,7 +84,7 @@ class OnlyLinked(Compiler):  # type: ignore[misc]
 
 
 class Calling(OnlyLinked):
-    """Compiler for numba's `pipeline_class`."""
+    """Compiler of functions that Python calls, for numba's `pipeline_class`."""
 
     kind = Whole
 

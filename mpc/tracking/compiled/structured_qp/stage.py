@@ -2,7 +2,8 @@
 
 The functions carry matrices and vectors back over a command and its consequences, with ξ = (δx, w) and 𝔸 = [A B; 0 I],
 x_{k+1} = A x_k + B w_{k+1} and w_{k+1} = w_k + v_k. D (N, 3) and its inverse have the entries 00, 01, 11. Products are
-written out, arrays are indexed by k instead of sliced, and all functions are inlined: three times as fast.
+written out, arrays are indexed by k instead of sliced, and all functions are inlined: three times as fast. A line is
+stored after all its columns are computed, so that the compiler computes them together.
 """
 
 import numpy as np
@@ -14,8 +15,8 @@ from mpc.tracking.compiled.structured_qp.sizes import FREE, HIGH
 
 
 @merged
-def led(SA: Array, j: int, c0: float, c1: float, c2: float, c3: float) -> float:
-    """Return the column j of the first four lines of SA (6, 6) times c."""
+def combined(SA: Array, j: int, c0: float, c1: float, c2: float, c3: float) -> float:
+    """Return the column j of the first four lines of SA (6, 6), each times its c."""
     return float(c0 * SA[0, j] + c1 * SA[1, j] + c2 * SA[2, j] + c3 * SA[3, j])
 
 
@@ -23,7 +24,7 @@ def led(SA: Array, j: int, c0: float, c1: float, c2: float, c3: float) -> float:
 def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) -> None:
     """Set SA (6, 6) = S 𝔸 and R[k] (2, 6), the last lines of M = 𝔸ᵀ S 𝔸 + diag(0, e[k]), where e[k] (2,) is for w.
 
-    Only the upper triangle of S is read: a different lower one would grow from sample to sample.
+    The upper triangle of S becomes the lower one as well: asymmetric rounding would grow from sample to sample.
     """
     for i in range(6):
         for j in range(i):
@@ -39,7 +40,7 @@ def across(S: Array, A: Array, B: Array, k: int, e: Array, SA: Array, R: Array) 
     for i in range(2):
         b0, b1, b2, b3 = B[k, 0, i], B[k, 1, i], B[k, 2, i], B[k, 3, i]
         for j in range(6):
-            R[k, i, j] = SA[4 + i, j] + led(SA, j, b0, b1, b2, b3) + (e[k, i] if j == 4 + i else 0.0)
+            R[k, i, j] = SA[4 + i, j] + combined(SA, j, b0, b1, b2, b3) + (e[k, i] if j == 4 + i else 0.0)
 
 
 @merged
@@ -49,12 +50,12 @@ def decided(A: Array, B: Array, k: int, SA: Array, R: Array, D: Array, F: Array,
     """
     for i in range(4):
         a0, a1, a2, a3, r0, r1 = A[k, 0, i], A[k, 1, i], A[k, 2, i], A[k, 3, i], R[k, 0, i], R[k, 1, i]
-        t0 = led(SA, 0, a0, a1, a2, a3) + r0 * F[k, 0, 0] + r1 * F[k, 1, 0]
-        t1 = led(SA, 1, a0, a1, a2, a3) + r0 * F[k, 0, 1] + r1 * F[k, 1, 1]
-        t2 = led(SA, 2, a0, a1, a2, a3) + r0 * F[k, 0, 2] + r1 * F[k, 1, 2]
-        t3 = led(SA, 3, a0, a1, a2, a3) + r0 * F[k, 0, 3] + r1 * F[k, 1, 3]
-        t4 = led(SA, 4, a0, a1, a2, a3) + r0 * F[k, 0, 4] + r1 * F[k, 1, 4]
-        t5 = led(SA, 5, a0, a1, a2, a3) + r0 * F[k, 0, 5] + r1 * F[k, 1, 5]
+        t0 = combined(SA, 0, a0, a1, a2, a3) + r0 * F[k, 0, 0] + r1 * F[k, 1, 0]
+        t1 = combined(SA, 1, a0, a1, a2, a3) + r0 * F[k, 0, 1] + r1 * F[k, 1, 1]
+        t2 = combined(SA, 2, a0, a1, a2, a3) + r0 * F[k, 0, 2] + r1 * F[k, 1, 2]
+        t3 = combined(SA, 3, a0, a1, a2, a3) + r0 * F[k, 0, 3] + r1 * F[k, 1, 3]
+        t4 = combined(SA, 4, a0, a1, a2, a3) + r0 * F[k, 0, 4] + r1 * F[k, 1, 4]
+        t5 = combined(SA, 5, a0, a1, a2, a3) + r0 * F[k, 0, 5] + r1 * F[k, 1, 5]
         S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5] = t0, t1, t2, t3, t4, t5
     for i in range(2):
         for j in range(4 + i, 6):
