@@ -64,8 +64,7 @@ CROWDED = 16  # items for a new sweep
 AGAIN = 3  # further sweeps for an answer without a proof, at most
 PUSHES = 1e-5  # [-] of the allowed residual gradient: less counts as no push
 REAL = 1e-6  # [-] of the multiplier of an item: a smaller change of another one is rounding
-TRIED, EACH = 4, 3  # exchanges before the first look at what is wrong, and those that a run of violated bounds takes,
-# about: with fewer left, another search follows
+EACH = 3  # exchanges that a run of violated bounds takes, about; with fewer left, another search follows
 ROUNDED = 100.0  # [-] of the least violations: up to here, a new sweep tells whether it is one
 
 
@@ -157,7 +156,7 @@ def exchanged(
                 size, exact = left, False
                 continue
             violation = most_broken(path, setting, bounded, size, at, a)
-            if not final and step >= TRIED:
+            if not final:
                 _, runs = astray(bounded, a.held, sweep, at, a.r)
                 if EACH * runs > limit - step:
                     taken = step
