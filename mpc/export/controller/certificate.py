@@ -18,6 +18,7 @@ from mpc.model.arm.model import Arm
 from mpc.tracking.compiled.structured_qp.barrier import TURNS
 from mpc.tracking.compiled.structured_qp.exchange import AGAIN
 from mpc.tracking.compiled.structured_qp.sizes import limit_lines, spare
+from mpc.tracking.compiled.structured_qp.solve import SEARCHES
 from mpc.tracking.controller import TrackingMPC
 
 COMPILER = "arm-none-eabi-gcc 12.2"  # whose stack was measured
@@ -51,7 +52,7 @@ def certificate(controller: TrackingMPC, single: bool) -> Certificate:
     _, plain = _Count(functions, kinds, most, {"rebased": 0}).of_qp()
     filled = isinstance(plant, Arm) and plant.gas is not None
     stack = _stack(plant.n, plant.m, N + blocks, filled) * (4 if single else 8) + _FRAMES
-    return Certificate(exchanges, 2 + TURNS + exchanges, begin, exchange, plain, stack)
+    return Certificate(exchanges, SEARCHES + (SEARCHES - 1) * TURNS + exchanges, begin, exchange, plain, stack)
 
 
 def _stack(n: int, m: int, commands: int, filled: bool) -> int:
@@ -91,7 +92,7 @@ class _Count:
         """Return the numbers of a QP without exchanges, and of an exchange."""
         begin = sum(map(self.of, ("deviations", "change_bounds", "solve")))
         again, exchange = self.turn  # a turn reaches its end if an answer has no proof
-        return int(begin + 2 * AGAIN * max(again - exchange, 0)), int(exchange)
+        return int(begin + SEARCHES * AGAIN * max(again - exchange, 0)), int(exchange)
 
     def of(self, name: str) -> int:
         """Return the greatest number of a function."""
@@ -138,6 +139,7 @@ class _Count:
     def values(self, sequence: ast.expr, at: dict[str, int]) -> range:
         """Return the values of a loop's variable."""
         if isinstance(sequence, ast.Call):
+            # `solve` may begin one search earlier, without a barrier: the interruptions counted cost more than that
             return range(*(self.value(bound, at) for bound in sequence.args))
         return range(self.sizes(sequence)[0])
 

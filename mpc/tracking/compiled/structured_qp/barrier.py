@@ -60,7 +60,7 @@ CENTRED = 0.1  # of the product in the first turn; later, the less the longer th
 LEAST_CENTRED, MOST_CENTRED = 0.01, 0.8
 KEPT = 0.99  # of the way to a limit, at most
 STUCK = 1e-4  # share of a step; after a shorter one the products grow, and the present limits are taken
-COARSE, FINE = 1e-4, 1e-6  # [bar²] product t λ by the curvature of a change at the end, without and with soft rows;
+COARSE, FINE = 1e-4, 1e-6  # [bar²] product t λ by the curvature of a change at the end; the fine one with soft rows;
 # a greater one may hold a limit that is not active, and to release it may break a hundred others
 UNSURE = 100.0  # [bar²] product by the curvature, above which the limits found are those of another problem
 HELD = 0.001  # [bar²] λ/t of an active limit, by the curvature and times that product, at least
@@ -69,11 +69,13 @@ LATE = 12  # turns, after which violated soft rows join the others at the point;
 
 @inlined
 def guessed(
-    path: Path, errors: Errors, setting: Setting, bounded: Bounded, near: bool, at: Point, sweep: Sweep, a: Active
+    path: Path, errors: Errors, setting: Setting, bounded: Bounded, near: bool, fine: bool, at: Point, sweep: Sweep,
+    a: Active
 ) -> int:  # fmt: skip
     """Set the held changes of the sweep to those that the barrier finds, and the point to its last one; name items for
     the other active limits, and return their number. `near` the solution the search resumes at the point and the held
-    changes. It begins anew with soft rows when one is violated, and when its steps are short.
+    changes; a `fine` one ends at a smaller product. It begins anew with soft rows when one is violated, and when its
+    steps are short.
     """
     lines, product, centred, stalls, start = 0, 0.0, CENTRED, 0, SHARE
     if near:
@@ -90,7 +92,7 @@ def guessed(
                 product, centred = begun(path, errors, setting, bounded, start, at, sweep), CENTRED
             placed(path, setting, bounded, product, first_line, wanted, at, sweep, a.items)
             lines = wanted
-        if product < enough(lines) * setting.curvature or not product < HUGE:
+        if product < enough(fine, lines) * setting.curvature or not product < HUGE:
             break
         gradients(path, errors, setting.cost, at, sweep.gx, sweep.gv)
         take_charges(setting.cost, sweep)
@@ -111,15 +113,15 @@ def guessed(
     if not product < UNSURE * setting.curvature:  # far from the end, or it has diverged: nothing is held
         at.xi[:], at.v[:] = 0.0, 0.0
         return 0
-    least = HELD / enough(lines) * setting.curvature
+    least = HELD / enough(fine, lines) * setting.curvature
     named = name_soft(least, sweep, a.items) if lines == LIMIT_LINES else 0
     return hold_active(least, named, sweep, a.items)
 
 
 @inlined_flat
-def enough(lines: int) -> float:
+def enough(fine: bool, lines: int) -> float:
     """Return the product at the end [bar²]; a limit held wrongly moves many others if soft rows hold."""
-    return FINE if lines == LIMIT_LINES else COARSE
+    return FINE if fine or lines == LIMIT_LINES else COARSE
 
 
 @inlined_flat

@@ -151,16 +151,17 @@ def exchanged(
             violation = max(over(path, setting, bounded, last, items, at), 0.0)
             again, exact = False, True
         if not enters:
-            left = let_go(path, setting, bounded, size, sweep, a)
-            if left >= 0:
-                size, exact = left, False
-                continue
-            violation = most_broken(path, setting, bounded, size, at, a)
+            lead_on(path, at, a)
             if not final:
                 _, runs = astray(bounded, a.held, sweep, at, a.r)
                 if EACH * runs > limit - step:
                     taken = step
                     break
+            left = let_go(path, setting, bounded, size, sweep, a)
+            if left >= 0:
+                size, exact = left, False
+                continue
+            violation = most_broken(path, setting, bounded, size, at, a)
             items.multiplier[last] = 0.0
             again = 0.0 < violation < ROUNDED * BREAKS and not exact
             if again:
@@ -305,7 +306,6 @@ def most_broken(path: Path, setting: Setting, bounded: Bounded, size: int, at: P
     """
     N, worst, violation, items = path.A.shape[0], 0.0, 0.0, a.items
     last = items.kind.size - 1
-    lead_on(path, at, a)
     for k in range(N + 1):
         for i in range(NU):
             for kind in range(BOUND, RANGE):

@@ -1,7 +1,8 @@
 """Solution of the QP along a path, with its proof: a sweep, and an exchange of the limits that it holds wrongly.
 
 The sweep begins with the limits of the last QP. If these are far from right, or wrong in many places, or an exchange
-has fewer turns left than it needs for what is still violated, a barrier chooses others.
+has fewer turns left than it needs for what is still violated, a barrier chooses others. When an exchange of these needs
+too many turns as well, the barrier goes on from there, to a smaller product.
 """
 
 import numpy as np
@@ -17,7 +18,8 @@ from mpc.tracking.compiled.structured_qp.riccati import Sweep, give_set, new_swe
 from mpc.tracking.compiled.structured_qp.sizes import NU, NXI
 
 MOST = 16  # exchanges per decision, at most
-PATIENCE = 16  # exchanges, before the barrier chooses another set
+SEARCHES = 3  # from the last set, from that of the barrier, and from that of a finer one
+PATIENCE = 16  # exchanges of the first search, at most; twice as many of the second
 FAR = 10.0  # [bar] beyond a limit: with a change so far, it does at once; noise takes a set less far
 MANY = 7  # runs of changes beyond a limit: with so many, it does at once as well
 CLOSE = 1.0  # [bar] beyond a limit: with no change farther, the barrier resumes from the last set
@@ -60,14 +62,17 @@ def solve(
     take_charges(setting.cost, sweep)
     size = based(path, errors, setting, bounded, 0, at, sweep, a)
     furthest, runs = astray(bounded, sweep.held, sweep, at, a.r)
-    if limit == 0 or (furthest < FAR and runs < MANY):
-        first, final = min(PATIENCE, limit), limit <= PATIENCE
-        solved, exchanges, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, first, final)
-    if not solved and exchanges < limit:
-        named = guessed(path, errors, setting, bounded, furthest < CLOSE, at, sweep, a)
-        size = based(path, errors, setting, bounded, named, at, sweep, a)
-        solved, more, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, limit - exchanges, True)
+    hopeful = limit == 0 or (furthest < FAR and runs < MANY)
+    for search in range(0 if hopeful else 1, SEARCHES):
+        left, fine = limit - exchanges, search == SEARCHES - 1
+        if search > 0:
+            named = guessed(path, errors, setting, bounded, fine or furthest < CLOSE, fine, at, sweep, a)
+            size = based(path, errors, setting, bounded, named, at, sweep, a)
+        most = left if fine else min(PATIENCE * (1 + search), left)
+        solved, more, gap = exchanged(path, errors, setting, bounded, size, at, sweep, a, most, most == left)
         exchanges += more
+        if solved or exchanges == limit:
+            break
     if solved:
         give_set(setting.starts, a.guess, guess)
     return solved, exchanges, gap
