@@ -11,7 +11,7 @@ import pytest
 from allocator import BAR, DEG
 from benchmarks.speed.worst_cases import hunted
 from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, simulate, sine
-from mpc.tracking.compiled.structured_qp.solve import MOST, PATIENCE
+from mpc.tracking.compiled.structured_qp.solve import MOST
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import Riccati, solver
@@ -268,7 +268,7 @@ def test_commands_that_jump_between_the_bounds_of_the_slew_take_few_exchanges():
     t = mpc.dt * np.arange(121)
     reference = Reference(t, 20 * DEG * np.sin(np.pi * t) + 10 * DEG * (t >= 0.6), np.where(t >= 0.9, 8.0, 7.6))
     simulate(RealPlant(plant), Counted(), reference, observer=KalmanObserver(plant, mpc.dt))
-    assert PATIENCE <= max(exchanges) < 40  # 154 without the barrier
+    assert max(exchanges) < 40  # 154 without the barrier
 
 
 def test_soft_rows_with_slacks_take_few_exchanges():
@@ -295,16 +295,18 @@ def test_arcs_that_end_exactly_at_the_supply_take_few_exchanges():
 BOUNDS_CHECKED = """
 import numpy as np
 from benchmarks.speed.worst_cases import Situation, arguments, hunted, random_situation
-from mpc import Plant, TrackingMPC
+from mpc import Plant, TrackingMPC, Weights
 for found in hunted(60, 20, seed=13):
     pass
 assert not found.unsolved
-least, hard = TrackingMPC(Plant(), N=8, blocks=(8,)), TrackingMPC(Plant(), N=40)  # the fewest items, many exchanges
+least = TrackingMPC(Plant(), N=8, blocks=(8,))  # the fewest items
+hard = TrackingMPC(Plant(), N=40, weights=Weights.calm())  # many exchanges
 hard._qp_step.linearise(*arguments(hard, Situation(
-    np.array([0.555464, -0.149584, 533148.0, 432888.0]), np.array([400994.0, 382556.0]),
-    np.array([130231.0, 180665.0]), np.zeros(2), np.array([0.441247, 0.747849, 0.168059, 11.4529]), 0.0)))
+    np.array([-0.448106, 1.90586, 362487.0, 432020.0]), np.array([338608.0, 407717.0]),
+    np.array([180991.0, 385290.0]), np.array([3708.59, -25213.4]),
+    np.array([-0.367706, -0.395069, 0.0706591, 9.91724]), 0.0)))
 assert hard._qp_step.structured.solved()
-assert hard._qp_step.structured.exchanges > 40, hard._qp_step.structured.exchanges
+assert hard._qp_step.structured.exchanges > 30, hard._qp_step.structured.exchanges
 rng = np.random.default_rng(0)
 for _ in range(60):
     least._qp_step.linearise(*arguments(least, random_situation(rng, least.plant)))
