@@ -99,7 +99,7 @@ def _worst(found: Sequence[tuple[Array, Array]], since: int = 0, until: int | No
 def report(rows: Sequence[Row], rounds: int) -> str:
     """Return the report."""
     lines = ["# The slowest of many steps", "", (__doc__ or "").split("\n\n", 2)[2].strip(), ""]
-    lines += [f"{rounds} rounds. Times in µs.", ""]
+    lines += [f"{rounds} round{'s' if rounds > 1 else ''}. Times in µs.", ""]
     lines += ["| loop | N | part | steps | median | 99 % | 99.9 % | 99.99 % | worst | first samples | one round |"]
     lines += ["|---|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|"]
     for row in rows:

@@ -139,7 +139,7 @@ class _Count:
     def values(self, sequence: ast.expr, at: dict[str, int]) -> range:
         """Return the values of a loop's variable."""
         if isinstance(sequence, ast.Call):
-            # `solve` may begin one search earlier, without a barrier: the interruptions counted cost more than that
+            # the search of `solve` without a barrier is left out: of the interruptions counted instead, one is possible
             return range(*(self.value(bound, at) for bound in sequence.args))
         return range(self.sizes(sequence)[0])
 

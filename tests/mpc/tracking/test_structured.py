@@ -11,7 +11,7 @@ import pytest
 from allocator import BAR, DEG
 from benchmarks.speed.worst_cases import hunted
 from mpc import KalmanObserver, PlanStatus, Plant, RealPlant, Reference, Rung, TrackingMPC, Weights, simulate, sine
-from mpc.tracking.compiled.structured_qp.solve import MOST
+from mpc.tracking.compiled.structured_qp.solve import MOST, PATIENCE
 from mpc.tracking.compiled.structured_qp.structured import StructuredQP
 from mpc.tracking.qp.condense import condense
 from mpc.tracking.qp.solvers import Riccati, solver
@@ -254,7 +254,7 @@ def test_a_loop_along_the_end_of_the_joint_range_needs_no_other_solver():
 
 def test_commands_that_jump_between_the_bounds_of_the_slew_take_few_exchanges():
     plant, exchanges = Plant(), []
-    mpc = TrackingMPC(plant, N=40)
+    mpc = TrackingMPC(plant, N=80)
 
     class Counted:
         dt, ahead, reset = mpc.dt, mpc.ahead, mpc.reset
@@ -268,7 +268,7 @@ def test_commands_that_jump_between_the_bounds_of_the_slew_take_few_exchanges():
     t = mpc.dt * np.arange(121)
     reference = Reference(t, 20 * DEG * np.sin(np.pi * t) + 10 * DEG * (t >= 0.6), np.where(t >= 0.9, 8.0, 7.6))
     simulate(RealPlant(plant), Counted(), reference, observer=KalmanObserver(plant, mpc.dt))
-    assert max(exchanges) < 40  # 154 without the barrier
+    assert PATIENCE <= max(exchanges) < 40  # 607 without the barrier
 
 
 def test_soft_rows_with_slacks_take_few_exchanges():
@@ -300,13 +300,12 @@ for found in hunted(60, 20, seed=13):
     pass
 assert not found.unsolved
 least = TrackingMPC(Plant(), N=8, blocks=(8,))  # the fewest items
-hard = TrackingMPC(Plant(), N=40, weights=Weights.calm())  # many exchanges
+hard = TrackingMPC(Plant(), N=80, weights=Weights.calm())  # many exchanges
 hard._qp_step.linearise(*arguments(hard, Situation(
-    np.array([-0.448106, 1.90586, 362487.0, 432020.0]), np.array([338608.0, 407717.0]),
-    np.array([180991.0, 385290.0]), np.array([3708.59, -25213.4]),
-    np.array([-0.367706, -0.395069, 0.0706591, 9.91724]), 0.0)))
+    np.array([-1.24857, 0.733887, 185102.0, 416534.0]), np.array([173312.0, 401706.0]),
+    np.array([25896.3, 246735.0]), np.zeros(2), np.array([-1.33775, -1.33883, 0.600813, 11.033]), -0.460091)))
 assert hard._qp_step.structured.solved()
-assert hard._qp_step.structured.exchanges > 30, hard._qp_step.structured.exchanges
+assert hard._qp_step.structured.exchanges > 40, hard._qp_step.structured.exchanges
 rng = np.random.default_rng(0)
 for _ in range(60):
     least._qp_step.linearise(*arguments(least, random_situation(rng, least.plant)))

@@ -20,8 +20,8 @@ from mpc.tracking.compiled.structured_qp.sizes import NU, NXI
 MOST = 16  # exchanges per decision, at most
 SEARCHES = 3  # from the last set, from that of the barrier, and from that of a finer one
 PATIENCE = 16  # exchanges of the first search, at most; twice as many of the second
-FAR = 10.0  # [bar] beyond a limit: with a change so far, it does at once; noise takes a set less far
-MANY = 7  # runs of changes beyond a limit: with so many, it does at once as well
+FAR = 10.0  # [bar] beyond a limit: with a change so far, the barrier comes first; noise takes a set less far
+MANY = 7  # runs of changes beyond a limit: with so many, it does as well
 CLOSE = 1.0  # [bar] beyond a limit: with no change farther, the barrier resumes from the last set
 
 
