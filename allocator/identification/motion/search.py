@@ -27,6 +27,7 @@ _ROWS = 2500  # with squared errors: neighbours are redundant
 _FIRST = 8  # evaluations after which the better start is kept
 _MOST = 60
 _CLOSE = 1e-5  # relative change of the sum of squares, and of x, below which it has converged
+_STEP = {"atol": 1e-10, "btol": 1e-10, "maxiter": 300}  # LSMR: as many turns as unknowns, the default, give poor steps
 
 
 class Found(NamedTuple):
@@ -105,8 +106,9 @@ def _descend(problem: MotionProblem, used: Mask, x: Array, most: int) -> Found:
         return columns
 
     start = np.clip(x, low, high)
-    options = {"x_scale": sizes, "tr_solver": "lsmr", "ftol": _CLOSE, "xtol": _CLOSE, "gtol": 1e-12, "max_nfev": most}
-    done = least_squares(residual, start, jacobian, (low, high), **options)  # lsmr: no threads for small matrices
+    ends = {"ftol": _CLOSE, "xtol": _CLOSE, "gtol": 1e-12, "max_nfev": most}
+    lsmr = {"tr_solver": "lsmr", "tr_options": _STEP}  # wakes no threads for small matrices, as an SVD does
+    done = least_squares(residual, start, jacobian, (low, high), x_scale=sizes, **lsmr, **ends)
     return Found(problem, np.asarray(done.x), bool(done.status > 0), float(np.sqrt(2 * done.cost / used.sum())))
 
 
