@@ -139,7 +139,11 @@ def raising(error):
 def run(valves, kind=CallableDevice, log=None, source=None, stop=None):
     """Run a loop on `valves`; return the cycle, and what was raised."""
     device = kind(valves.read, valves.write, valves.vent, clock=valves.clock, machine=valves.machine)
-    settings = Settings(start=SoftStart(2 * BAR, dwell=0.1), stop=SafeStop(rate=2 * BAR) if stop is None else stop)
+    settings = Settings(
+        start=SoftStart(2 * BAR, dwell=0.1),
+        stop=SafeStop(rate=2 * BAR) if stop is None else stop,
+        watchdog=Watchdog(stall=30.0),  # nothing hangs here; a busy machine may pause for over a second
+    )
     cycle = Cycle(
         device,
         source or Sine(valves.machine),
