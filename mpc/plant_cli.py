@@ -9,6 +9,7 @@ import typer
 
 from allocator.errors import InvalidInput
 from allocator.shell.machine_options import A_MUSCLE, OF_ONE_JOINT, MachineOptions
+from allocator.shell.options import gravity as gravity_option
 from allocator.shell.options import numbers, within
 from allocator.shell.outputs import Force, check_toml, claim
 from allocator.units import BAR
@@ -43,10 +44,10 @@ class PlantOptions(MachineOptions):
         ),
     ] = None
     gravity: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            help="gravity torque m g l of the link [N·m]; negative for one that stands. It hangs at the file's "
-            "hanging_angle, or at 0°. 0 by default"
+            help="gravity of the link, G or G,θh: m g l [N·m], negative for one that stands, and the angle at which it "
+            "hangs [degrees], by default the file's hanging_angle, or 0. 0 by default"
         ),
     ] = None
     slew: Annotated[float | None, typer.Option(help="greatest rate of a commanded pressure [bar/s]; 5 by default")] = (
@@ -71,7 +72,8 @@ class PlantOptions(MachineOptions):
         super().__post_init__()
         within("--inertia", self.inertia, "kg·m²", 1e-9, 1e6)
         within("--damping", self.damping, "N·m·s/rad", 0, 1e6)
-        within("--gravity", self.gravity, "N·m", -1e6, 1e6)
+        if self.gravity is not None:
+            gravity_option(self.gravity)
         within("--slew", self.slew, "bar/s", 1e-3, 1e5)
         within("--frequency", self.frequency, "Hz", 0, 1e4)
         if self.gas is False and (option := self.given("kappa", "frequency")):
@@ -143,8 +145,9 @@ class PlantOptions(MachineOptions):
 
     def driven(self, arm: "Arm") -> "Arm":
         """Return `arm` with its regulators and gas as given. Raises `InvalidInput` for options of one joint."""
-        if option := self.given(*OF_ONE_JOINT, "inertia", "damping", "gravity", "frequency"):
-            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
+        self.refuse_one_joints(*OF_ONE_JOINT, "inertia", "damping", "gravity")
+        if self.frequency is not None:
+            raise InvalidInput("--frequency is for one joint with two muscles: K of an arm is isobaric")
         changes: dict[str, Any] = {} if self.slew is None else {"slew": self.slew * BAR}
         if (lags := self._lags(arm.m)) is not None:
             changes["lag"] = lags
@@ -202,14 +205,17 @@ class PlantOptions(MachineOptions):
 
     def _numbers(self) -> dict[str, float | tuple[float, ...]]:
         """Return the numbers of `Plant` that are given."""
+        from allocator.joint.gravity import FILED
+
         given: dict[str, Any] = {
             "inertia": self.inertia,
             "damping": self.damping,
-            "gravity_torque": self.gravity,
             "slew": None if self.slew is None else self.slew * BAR,
             "gas": self.gas if self.kappa is None else True,  # the joint's
             "frequency": self.frequency,
         }
+        if self.gravity is not None:
+            given |= dict(zip(FILED, gravity_option(self.gravity), strict=False))
         if (lags := self._lags(2)) is not None:
             given |= {"lag": lags, "venting": 1.0}
         return {name: value for name, value in given.items() if value is not None}

@@ -238,7 +238,7 @@ class MachineOptions:
         """Return muscles, rest lengths and cables of a MuJoCo model, which has tendons only. Raises `InvalidInput`."""
         from allocator.muscles.catalogue import named_muscle
 
-        self._refuse_one_joints()
+        self.refuse_one_joints(*OF_ONE_JOINT)
         muscles = [replace(named_muscle(name), **self.volumes) for name in self.mujoco_muscles]
         lengths, eps = self.rest_lengths, self.contractions
         found: dict[str, Any] = {"muscles": _one_or_all(muscles)}
@@ -285,7 +285,7 @@ class MachineOptions:
 
     def _changed(self, base: "Mechanism") -> "Mechanism":
         """Return `base` with everything that is given."""
-        self._refuse_one_joints()
+        self.refuse_one_joints(*OF_ONE_JOINT)
         changes: dict[str, Any] = {}
         if self.muscle:
             changes["muscles"] = self.all_muscles(base.m)
@@ -299,10 +299,11 @@ class MachineOptions:
             changes["routes"] = self._routes(base.routes, lengths)
         return replace(base, **changes) if changes else base
 
-    def _refuse_one_joints(self) -> None:
-        """Refuse options of one joint."""
-        if option := self.given(*OF_ONE_JOINT):
-            raise InvalidInput(f"{option} is for one joint with two muscles; edit {self.machine} instead")
+    def refuse_one_joints(self, *names: str) -> None:
+        """Refuse these options of one joint."""
+        if option := self.given(*names):
+            edited = f"edit {self.machine} instead" if self.file or self.is_mujoco else f"{self.machine} has several"
+            raise InvalidInput(f"{option} is for one joint with two muscles; {edited}")
 
     def all_muscles(self, m: int) -> tuple["Muscle", ...]:
         """Return the muscles that --muscle names, one for all `m` or one each. Raises `InvalidInput`."""

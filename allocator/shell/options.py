@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, get_args
 from typer.core import TyperCommand
 
 from allocator.errors import InvalidInput
+from allocator.units import DEG
 
 ALL: Final = "--help-all"
 _NAMES_WIDTH = 60
@@ -164,6 +165,13 @@ def row(option: str, text: str, unit: str, counts: Mapping[int, str] | None = No
     for value in found:
         finite(option, value, unit)
     return found
+
+
+def gravity(text: str, otherwise: str = "") -> tuple[float, ...]:
+    """Read --gravity: m g l of a link [N·m] and, if it is given, the angle at which the link hangs, in rad."""
+    torque, *hanging = row("--gravity", text, f"N·m and degrees{otherwise}", {1: "G", 2: "G,θh"})
+    within("--gravity", torque, "N·m", -1e6, 1e6)
+    return torque, *(angle * DEG for angle in hanging)
 
 
 def numbers(option: str, text: str, fewest: int, most: int, example: str) -> list[float]:

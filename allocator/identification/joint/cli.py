@@ -24,6 +24,7 @@ from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
+from allocator.shell.options import gravity as gravity_option
 from allocator.shell.options import grouped, numbers, row, within
 from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
 from allocator.units import BAR, DEG, MM
@@ -183,8 +184,7 @@ def _gravity(option: str | None, file: Table | None) -> Gravity | None:
         return None
     if option is None:
         return NO_GRAVITY if file is None else Gravity.of_file(file)
-    torque, *hanging = row("--gravity", option, "N·m and degrees; or fit", {1: "G", 2: "G,θh"})
-    return Gravity(torque, *(angle * DEG for angle in hanging))
+    return Gravity(*gravity_option(option, "; or fit"))
 
 
 def _describe_limits(fit: JointFit, group: str | None, said: Said, console: Console) -> None:

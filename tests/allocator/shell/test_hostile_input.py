@@ -75,6 +75,7 @@ CASES = {
     ("track", "t.csv", "--lag", "1:2:3"): "--lag 1:2:3: expected NUMBER or LOW:HIGH",
     ("track", "t.csv", "--slew", "inf"): "--slew inf: expected 0.001 to 100000 bar/s",
     ("export", "controller", "--out", "c", "--gravity", "nan"): "--gravity nan: expected",
+    ("track", "t.csv", "--gravity", "3,40,1"): "--gravity 3,40,1: expected 1 (G) or 2 (G,θh) numbers",
     ("map", "--supply", "500000"): "--supply 500000: expected 0.05 to 100 bar",
     ("map", "--radius", "2e9"): "--radius 2e+09: expected 0.1 to 10000 mm",
     ("map", "--rest-length", "-5"): "--rest-length -5: expected 1 to 10000 mm",

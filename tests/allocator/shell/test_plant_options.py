@@ -76,7 +76,7 @@ def test_every_option_of_the_joint_and_the_plant_arrives():
     plant = PlantOptions(
         muscle=["sarosi-dmsp-20-400n"], antagonist="sarosi-dmsp-20-200n", radius=25, rest_length="300",
         initial_contraction="0.12", supply=6, stops="-50:60", friction=0.1, inertia=0.01, damping=0.2, lag="0.05:0.06",
-        gravity=-0.4, slew=7,
+        gravity="-0.4,20", slew=7,
     ).plant()  # fmt: skip
     joint = plant.joint
     assert (joint.agonist, joint.antagonist) == (SAROSI_DMSP_20_400N, SAROSI_DMSP_20_200N)
@@ -87,7 +87,7 @@ def test_every_option_of_the_joint_and_the_plant_arrives():
     assert joint.angle_limits == pytest.approx((-50 * DEG, 60 * DEG))
     assert (joint.friction, plant.inertia, plant.damping) == (0.1, 0.01, 0.2)
     assert plant.lags == (0.05, 0.06)
-    assert (plant.gravity_torque, plant.slew) == pytest.approx((-0.4, 7 * BAR))
+    assert (plant.gravity_torque, plant.hanging_angle, plant.slew) == pytest.approx((-0.4, 20 * DEG, 7 * BAR))
 
 
 def test_two_different_muscles_pull_on_the_joint_that_allocate_answers_for():

@@ -196,6 +196,7 @@ def test_a_mujoco_model_has_no_recording_and_that_is_said_before_its_run(folder)
         (("--amplitude", "2"), "--amplitude is for one joint"),
         (("--no-observer",), "--observer is for one joint"),
         (("--gravity", "1"), "--gravity is for one joint"),
+        (("--frequency", "3"), "K of an arm is isobaric"),
         (("--radius", "20"), "--radius is for one joint"),
         (("--lag", "0.1:0.2"), "--lag 0.1:0.2: expected one time or 6, one a muscle"),
         (("--muscle", "sarosi-dmsp-20-400n", "--muscle", "sarosi-dmsp-20-200n"), "--muscle is given 2 times"),
