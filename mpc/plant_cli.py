@@ -9,8 +9,7 @@ import typer
 
 from allocator.errors import InvalidInput
 from allocator.shell.machine_options import A_MUSCLE, OF_ONE_JOINT, MachineOptions
-from allocator.shell.options import gravity as gravity_option
-from allocator.shell.options import numbers, within
+from allocator.shell.options import numbers, read_gravity, within
 from allocator.shell.outputs import Force, check_toml, claim
 from allocator.units import BAR
 
@@ -73,7 +72,7 @@ class PlantOptions(MachineOptions):
         within("--inertia", self.inertia, "kg·m²", 1e-9, 1e6)
         within("--damping", self.damping, "N·m·s/rad", 0, 1e6)
         if self.gravity is not None:
-            gravity_option(self.gravity)
+            read_gravity(self.gravity)
         within("--slew", self.slew, "bar/s", 1e-3, 1e5)
         within("--frequency", self.frequency, "Hz", 0, 1e4)
         if self.gas is False and (option := self.given("kappa", "frequency")):
@@ -215,7 +214,7 @@ class PlantOptions(MachineOptions):
             "frequency": self.frequency,
         }
         if self.gravity is not None:
-            given |= dict(zip(FILED, gravity_option(self.gravity), strict=False))
+            given |= dict(zip(FILED, read_gravity(self.gravity), strict=False))
         if (lags := self._lags(2)) is not None:
             given |= {"lag": lags, "venting": 1.0}
         return {name: value for name, value in given.items() if value is not None}

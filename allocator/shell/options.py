@@ -167,7 +167,7 @@ def row(option: str, text: str, unit: str, counts: Mapping[int, str] | None = No
     return found
 
 
-def gravity(text: str, otherwise: str = "") -> tuple[float, ...]:
+def read_gravity(text: str, otherwise: str = "") -> tuple[float, ...]:
     """Read --gravity: m g l of a link [N·m] and, if it is given, the angle at which the link hangs, in rad."""
     torque, *hanging = row("--gravity", text, f"N·m and degrees{otherwise}", {1: "G", 2: "G,θh"})
     within("--gravity", torque, "N·m", -1e6, 1e6)

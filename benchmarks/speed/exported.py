@@ -118,7 +118,7 @@ def measure(steps: int, horizons: Sequence[int], machine: str = "") -> Iterator[
                     *uncompiled_and_compiled,
                     float(np.median(times[:, 1])),
                     int(times[:, 2].max()),
-                    *_on_chips(made, done.samples[: steps_on_chips(machine)]),
+                    *_on_chips(made, done.samples[: steps_on_chips(steps, machine)]),
                 )
 
 
@@ -137,9 +137,9 @@ def _times(program: Path, samples: Array, runner: tools.Runner = tools.run) -> A
     return replayed(program, samples, ("step", "allocation", "exchanges"), runner)
 
 
-def steps_on_chips(machine: str) -> int:
-    """Return the number of steps whose instructions are counted."""
-    return _ON_CHIPS_ARM if machine else _ON_CHIPS
+def steps_on_chips(steps: int, machine: str) -> int:
+    """Return the number of a loop's `steps` whose instructions are counted."""
+    return min(steps, _ON_CHIPS_ARM if machine else _ON_CHIPS)
 
 
 def _on_chips(made: Path, samples: Array) -> tuple[float, ...]:
@@ -194,7 +194,7 @@ def report(rows: Sequence[Row], steps: int, name: str = "") -> str:
     command += f" --steps {steps}" * (steps != _STEPS)
     command += "".join(f" --horizon {horizon}" for horizon in horizons if horizons != _HORIZONS)
     process = f"a simulated {name} with friction, faults" if name else "the real plant with faults"
-    counted = steps_on_chips(name)
+    counted = steps_on_chips(steps, name)
     double, single = (max(r.error for r in rows if r.precision == precision) for precision in _PRECISIONS)
     lines = [
         "# Exported C against Python\n",

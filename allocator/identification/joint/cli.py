@@ -24,8 +24,7 @@ from allocator.joint.geometry import Geometry, Lever, Pulley
 from allocator.joint.gravity import NO_GRAVITY, Gravity
 from allocator.machine_file import load_joint
 from allocator.presentation.plotting import save_figure
-from allocator.shell.options import gravity as gravity_option
-from allocator.shell.options import grouped, numbers, row, within
+from allocator.shell.options import grouped, numbers, read_gravity, row, within
 from allocator.shell.outputs import AsJSON, Force, claim_result, print_json, say, write
 from allocator.units import BAR, DEG, MM
 
@@ -184,7 +183,7 @@ def _gravity(option: str | None, file: Table | None) -> Gravity | None:
         return None
     if option is None:
         return NO_GRAVITY if file is None else Gravity.of_file(file)
-    return Gravity(*gravity_option(option, "; or fit"))
+    return Gravity(*read_gravity(option, "; or fit"))
 
 
 def _describe_limits(fit: JointFit, group: str | None, said: Said, console: Console) -> None:
